@@ -10,7 +10,7 @@ import numpy as np
 
 import avrgym  # noqa: F401  registers the environments
 from avrgym.learning.evaluation import evaluate
-from avrgym.policies.trained import Policy, policy_path
+from avrgym.policies.trained_policies import Policy, find_policy_file
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
 EPISODES = int(sys.argv[1]) if len(sys.argv) > 1 else 20
@@ -23,7 +23,7 @@ for name in ("random", "oracle", "revised"):
         f"  reward {row.reward_mean:7.1f}  force {row.force_mean_newton:.1f} N"
     )
 
-policy = Policy.load(policy_path("revised", ENVIRONMENT))
+policy = Policy.load(find_policy_file("revised", ENVIRONMENT))
 generators = [np.random.default_rng(0)]  # one generator for each row of observations
 env = gym.make(ENVIRONMENT, people="revised")
 observation, info = env.reset(seed=0)

@@ -9,15 +9,17 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from avrgym.learning.training import configuration_for, train
+from avrgym.learning.training import make_feedforward_configuration, train
 
 STEPS = int(sys.argv[1]) if len(sys.argv) > 1 else 300_000
 
-configuration = configuration_for("avrgym/FeedingJaco-v1", people="revised", steps=STEPS, seed=0)
+configuration = make_feedforward_configuration("avrgym/FeedingJaco-v1", people="revised", steps=STEPS, seed=0)
 policy = train(
     configuration,
     Path("trained"),
-    report=lambda now: print(f"{now.steps:9,} steps  reward {now.reward_mean:7.1f}  {now.success_rate:4.0%}"),
+    report=lambda now: print(
+        f"{now.num_timesteps:9,} steps  reward {now.reward_mean:7.1f}  {now.success_rate:4.0%}"
+    ),
 )
 print(f"evaluated on the validation split: {policy.metadata.measured}")
 

@@ -10,12 +10,12 @@ import gymnasium as gym
 import numpy as np
 
 import avrgym  # noqa: F401  registers the environments
-from avrgym.policies.trained import Policy, policy_path
+from avrgym.policies.trained_policies import Policy, find_policy_file
 
 ENVIRONMENT = "avrgym/ScratchItchJaco-v1"
 WORLDS = int(sys.argv[1]) if len(sys.argv) > 1 else 64
 
-policy = Policy.load(policy_path("revised", ENVIRONMENT))
+policy = Policy.load(find_policy_file("revised", ENVIRONMENT))
 generators = [np.random.default_rng([0, world]) for world in range(WORLDS)]
 worlds = gym.make_vec(ENVIRONMENT, num_envs=WORLDS, people="revised")
 observations, infos = worlds.reset(seed=0)

@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image
 
 import avrgym  # noqa: F401  registers the environments
-from avrgym.models.human import Person, seated_joint_angles
+from avrgym.models.human import Person, make_seated_joint_angles
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
 PEOPLE = """
@@ -24,7 +24,7 @@ woman = [0.58, 0.60]
 waist_x = [5.0, 15.0]
 """
 
-leaning = Person("man", 0.58, seated_joint_angles(waist_x=12.0, head_z=-15.0), skin_tone="brown")
+leaning = Person("man", 0.58, make_seated_joint_angles(waist_x=12.0, head_z=-15.0), skin_tone="brown")
 Path("tall.toml").write_text(PEOPLE)
 
 pictures = []

@@ -7,10 +7,10 @@ import re
 import sys
 from pathlib import Path
 
-from avrgym.analysis.output import write_analysis
-from avrgym.analysis.study import analyse_study
-from avrgym.study.sessions.simulation import simulate_study
-from avrgym.study.storage.store import Store, create_study
+from avrgym.analysis.output_files import write_analysis
+from avrgym.analysis.study_analysis import analyse_study
+from avrgym.study.sessions.dry_run import simulate_study
+from avrgym.study.storage.store import StudyStore, create_study
 
 PARTICIPANTS = int(sys.argv[1]) if len(sys.argv) > 1 else 4
 TRIAL_STEPS = int(sys.argv[2]) if len(sys.argv) > 2 else 200
@@ -33,7 +33,7 @@ def main() -> None:
     design.write_text(text)
 
     simulate_study(folder, PARTICIPANTS, seed=1)
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         analysis = analyse_study(store)
         report = write_analysis(analysis, folder, folder / "analysis")
     for row in analysis.objective_outcomes:

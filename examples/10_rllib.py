@@ -12,7 +12,7 @@ import torch
 from ray.rllib.algorithms.ppo import PPOConfig
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 
-from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.policies.trained_policies import Policy, PolicyMetadata
 
 UPDATES, WORLDS, RUNNERS = map(int, sys.argv[1:] or (100, 64, 2))
 ENVIRONMENT, STEPS = "avrgym/FeedingJaco-v1", 200 * WORLDS * max(1, RUNNERS)
@@ -52,7 +52,7 @@ policy = Policy(
 )
 observations = np.random.default_rng(0).normal(size=(100, layers[0].in_features)).astype(np.float32)
 expected = module.forward_inference({"obs": torch.as_tensor(observations)})["action_dist_inputs"][:, :joints]
-error = np.abs(policy.mean_actions(observations) - expected.detach().numpy()).max()
+error = np.abs(policy.compute_mean_actions(observations) - expected.detach().numpy()).max()
 print(f"largest difference from RLlib's own action: {error:.1e}")
 policy.save("rllib.safetensors", overwrite=True)
 ray.shutdown()

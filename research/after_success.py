@@ -54,10 +54,10 @@ def session(environment: str, policy: str, *, withdraws: bool) -> Iterator[Trial
         [TrialPlan(name, policy, seed, practice=False) for seed in range(TRIALS)],
         "woman",
         free_movement_s=1.0,
-        simulated=True,
-        items=(),
+        is_simulated=True,
+        questionnaire_items=(),
         countdown_s=2.0,
-        withdraw_after_success=withdraws,
+        withdraw_tool_after_success=withdraws,
     )
     with tempfile.TemporaryDirectory() as folder:
         client = InProcessClient(

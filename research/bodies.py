@@ -16,7 +16,7 @@ import numpy as np
 
 from avrgym.models.human import REFERENCE_STATURE_M
 from avrgym.policies import registry
-from avrgym.policies.trained import Policy
+from avrgym.policies.trained_policies import Policy
 from avrgym.tasks.constants import PAPER_ENVIRONMENTS
 from avrgym.tasks.episodes import Episodes
 from figures_file import add, read
@@ -59,7 +59,7 @@ def _episodes(environment: str, seeds: Sequence[int]) -> dict[str, list]:
     assert isinstance(policy, Policy)
     generators = [np.random.default_rng(seed) for seed in seeds]
     observation = worlds.reset(np.arange(len(seeds)), generators)
-    act = registry.action_function(policy, worlds, generators)
+    act = registry.make_action_function(policy, worlds, generators)
     nearest_m, success = np.full(len(seeds), np.inf), np.zeros(len(seeds), bool)
     for _ in range(STEPS):
         step = worlds.step(act(observation))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from avrgym.learning.evaluation import Evaluation
+from avrgym.learning.evaluation import EvaluationResult
 from avrgym.system.files import write_atomically
 from papers_results import short
 
@@ -23,7 +23,7 @@ def add(file: Path, name: str, result: Mapping) -> None:
     print(name, result["success_rate"], flush=True)
 
 
-def chosen(found: Evaluation, figures: Sequence[str]) -> dict[str, object]:
+def chosen(found: EvaluationResult, figures: Sequence[str]) -> dict[str, object]:
     """Some figures of an evaluation, by name."""
     return {figure: getattr(found, figure) for figure in figures}
 

@@ -21,22 +21,22 @@ from scipy import optimize, stats
 import figures_file
 from avrgym.analysis.fit_behaviour import fit_behaviour
 from avrgym.analysis.fit_people import fit_people, write_people_file
-from avrgym.analysis.recorded_motion import MOTION_JOINTS, RecordedMotion, read_recorded_motion
+from avrgym.analysis.recorded_motion import MOTION_JOINT_NAMES, RecordedMotion, read_recorded_motion
 from avrgym.learning.evaluation import evaluate
 from avrgym.models.human import JOINT_INDEX, People
 from avrgym.models.scene import DEFAULT_SUBSTEPS
-from avrgym.people import motor
-from avrgym.people.people_file import MeanAndDeviation
+from avrgym.people import motor_model
+from avrgym.people.people_file import MeanAndStandardDeviation
 from avrgym.people.zoo import partner_behaviour
 from avrgym.people.zoo.partners import (
     DEFAULT_PARAMETER_BOUNDS,
     PARAMETER_BOUNDS,
     apply_partner_bodies,
-    parameters_of,
+    make_behaviour_parameters,
 )
-from avrgym.study.export.trials import completed_attempts
-from avrgym.study.sessions.simulation import draw_participant_traits, make_dry_run_settings
-from avrgym.study.storage.store import Store
+from avrgym.study.export.exported_attempts import list_completed_attempts
+from avrgym.study.sessions.dry_run import make_dry_run_settings, sample_dry_run_traits
+from avrgym.study.storage.store import StudyStore
 from avrgym.system.files import write_atomically
 
 FILE = Path(__file__).with_suffix(".json")
@@ -96,10 +96,10 @@ def simulate(folder: Path, people: Path, count: int, seed: int) -> None:
 
 def motions_of(folder: Path) -> list[RecordedMotion]:
     """Motions in all completed trials."""
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         return [
             read_recorded_motion(each.participant.pseudonym, each.read_complete_recording())
-            for each in completed_attempts(store)
+            for each in list_completed_attempts(store)
         ]
 
 
@@ -110,16 +110,16 @@ def recover(folder: Path) -> Iterator[str]:
     if not (folder / "fitted.toml").exists():
         write_people_file(fit, folder / "fitted.toml")
     run = make_dry_run_settings(SEED, str(folder / "group.toml"), "none")
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         true = [
-            draw_participant_traits(store.participant(name), run).partner_parameters
+            sample_dry_run_traits(store.read_participant(name), run).behaviour_parameters
             for name in fit.behaviour.participants
         ]
     within = stats.norm.ppf(0.5 + 0.5 * COVERAGE)
     rows: dict[str, object] = {}
     yield "| parameter | true | fitted | RMSE | posterior SD | r | coverage |\n|---|---|---|---|---|---|---|"
     covered: list[np.ndarray] = []
-    for name, found in fit.behaviour.parameters.items():
+    for name, found in fit.behaviour.estimates_by_parameter.items():
         values = np.array([float(getattr(each, name)[0]) for each in true])
         error = found.posterior_mean - values
         covered.append(np.abs(error) < within * found.posterior_sd)
@@ -161,14 +161,16 @@ def features(motion: RecordedMotion, *, slow_waist: bool) -> tuple[np.ndarray, l
     is removed. Inverse kinematics with a measured torso height adds some, which refitted motion lacks.
     """
     size = round(WINDOW_S * FRAME_HZ)
-    angles = np.degrees(motion.angles_rad[DEFAULT_SUBSTEPS * motion.first_active_sample + 1 :: 2, :4])
+    angles = np.degrees(
+        motion.joint_angles_rad[DEFAULT_SUBSTEPS * motion.first_robot_motion_sample + 1 :: 2, :4]
+    )
     if slow_waist:
         smooth = np.hanning(SMOOTHED_FRAMES + 2)[1:-1]
         for channel in (0, 1):
             ends = np.pad(angles[:, channel], SMOOTHED_FRAMES // 2, mode="edge")
             angles[:, channel] = np.convolve(ends, smooth / smooth.sum(), mode="valid")[: len(angles)]
     gap_m = np.repeat(
-        np.linalg.norm(motion.tool_pos_w - motion.head_pos_w, axis=1)[motion.first_active_sample :],
+        np.linalg.norm(motion.tool_pos_w - motion.head_pos_w, axis=1)[motion.first_robot_motion_sample :],
         DEFAULT_SUBSTEPS // 2,
     )
     speed = np.gradient(angles, 1.0 / FRAME_HZ, axis=0)
@@ -177,7 +179,7 @@ def features(motion: RecordedMotion, *, slow_waist: bool) -> tuple[np.ndarray, l
     for first in range(0, len(angles) - size + 1, size):
         window = slice(first, first + size)
         row = {"tool distance": gap_m[window].mean()}
-        for channel, name in enumerate(MOTION_JOINTS[:4]):
+        for channel, name in enumerate(MOTION_JOINT_NAMES[:4]):
             own = angles[window, channel]
             power = np.abs(np.fft.rfft((own - own.mean()) * np.hanning(size))) ** 2
             row[f"{name} mean"] = own.mean()
@@ -203,7 +205,7 @@ class Perceived:
 
 
 def refitted(
-    motions: Sequence[RecordedMotion], estimates: Mapping[str, Mapping[str, MeanAndDeviation]]
+    motions: Sequence[RecordedMotion], estimates: Mapping[str, Mapping[str, MeanAndStandardDeviation]]
 ) -> list[RecordedMotion]:
     """Motion of people with fitted parameters, who perceive the recorded tool: with noise, sway and tremor.
 
@@ -217,10 +219,10 @@ def refitted(
         }
         for name, own in estimates.items()
     }
-    parameters = parameters_of([sampled[each.participant] for each in motions])
+    parameters = make_behaviour_parameters([sampled[each.participant] for each in motions])
     people = apply_partner_bodies(People.from_persons([each.person for each in motions]), parameters)
-    state = partner_behaviour.initial_state(people, parameters, rng.random((len(motions), 4)))
-    moved, shown = partner_behaviour.initial_motor_state(state, people), []
+    state = partner_behaviour.make_initial_state(people, parameters, rng.random((len(motions), 4)))
+    moved, shown = partner_behaviour.make_initial_motor_state(state, people), []
     for step in range(max(len(each.tool_pos_w) for each in motions)):
         now = Perceived(
             *(
@@ -229,17 +231,17 @@ def refitted(
             )
         )
         state, goals = partner_behaviour.choose_goal_angles(
-            replace(state, joint_targets_rad=moved.angles_rad),
+            replace(state, joint_targets_rad=moved.second_filter_angles_rad),
             now,
-            motions[0].offered_part,
+            motions[0].offered_body_part,
             motions[0].posture,
         )
-        moved = motor.set_goal_angles(moved, goals, partner_behaviour.are_startled(state))
-        moved, targets = motor.next_joint_targets_rad(moved, DEFAULT_SUBSTEPS)
-        shown.append(targets[..., [JOINT_INDEX[name] for name in MOTION_JOINTS]])
+        moved = motor_model.set_goal_angles(moved, goals, partner_behaviour.are_startled(state))
+        moved, targets = motor_model.advance_joint_targets_rad(moved, DEFAULT_SUBSTEPS)
+        shown.append(targets[..., [JOINT_INDEX[name] for name in MOTION_JOINT_NAMES]])
     angles = np.repeat(np.concatenate(shown)[1::2], 2, axis=0)
     return [
-        replace(each, angles_rad=angles[: len(each.angles_rad), number])
+        replace(each, joint_angles_rad=angles[: len(each.joint_angles_rad), number])
         for number, each in enumerate(motions)
     ]
 
@@ -248,7 +250,7 @@ def distinguish(folder: Path) -> Iterator[str]:
     """Cross-validated AUC of logistic regression on features and their squares."""
     motions = motions_of(folder)
     fit = fit_behaviour(motions)
-    own = dict(zip(fit.participants, fit.estimates(), strict=True))
+    own = dict(zip(fit.participants, fit.list_participant_estimates(), strict=True))
     sets = [motions, refitted(motions, own)]
     for slow_waist in (False, True):
         found = [[features(each, slow_waist=slow_waist) for each in of_set] for of_set in sets]

@@ -49,7 +49,7 @@ def head_motion(people: str, worlds: int, seed: int) -> np.ndarray:
         for tick in range(ticks):
             episodes.control_loop.tick(source)
             if tick % every == 0:
-                found.append(transforms.multiply(episodes.state().head_q_w, UP_IS_Y))
+                found.append(transforms.multiply(episodes.get_state().head_quat_w, UP_IS_Y))
     return np.array(found)
 
 

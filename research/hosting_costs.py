@@ -23,7 +23,7 @@ import psycopg
 
 from avrgym.study.people.invitations import create_invitations
 from avrgym.study.storage.database import DATABASE_URL_VARIABLE
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.hosting.hosted_participants import SETTINGS, take_part_in_other_process
 from helpers.hosting.served_host import Served, host_process
 from helpers.studies.small_studies import (
@@ -92,7 +92,7 @@ def measure(participants: int) -> dict[str, float]:
         study = make_study(Path(temporary) / "study", **DESIGN)
         (study / "host.toml").write_text(SETTINGS)
         with (
-            Store(study) as store,
+            StudyStore(study) as store,
             host_process(store) as (host, served),
             psycopg.connect(url, autocommit=True) as database,
             ThreadPoolExecutor(1) as other,

@@ -11,24 +11,33 @@ from itertools import product
 
 import numpy as np
 
-from avrgym.analysis.answers.trial_answers import answer_test_families
-from avrgym.analysis.models.effects import POLICY_EFFECT, TrialValue, design_matrix, effects_of_interest
+from avrgym.analysis.answers.trial_answers import compute_answer_test_families
+from avrgym.analysis.models.effects import (
+    POLICY_EFFECT,
+    TrialValue,
+    list_effects_of_interest,
+    make_design_matrix,
+)
 from avrgym.analysis.models.estimate import ModelFitError
-from avrgym.analysis.models.fitting import random_effect_labels
-from avrgym.analysis.models.mixed import MixedModelFit, fit_mixed_model
-from avrgym.analysis.outcomes.outcomes import outcome_test_families
+from avrgym.analysis.models.fitting import make_random_effect_labels
+from avrgym.analysis.models.mixed_models import MixedModelFit, fit_mixed_model
+from avrgym.analysis.outcomes.condition_outcomes import compute_outcome_test_families
 from avrgym.analysis.power.simulated_studies import PowerAssumptions, SimulatedAnswers, SimulatedStudies
-from avrgym.analysis.primary import assign_result_roles
-from avrgym.analysis.reading.rows import AnswerRow, TrialRow
+from avrgym.analysis.primary_results import assign_result_roles
+from avrgym.analysis.reading.table_rows import AnswerRow, TrialRow
 from avrgym.analysis.statistics.comparisons import PARTICIPANT_UNIT, TRIAL_UNIT, ComparisonRow
-from avrgym.analysis.statistics.tests import clustered_wilson_interval, signed_rank_test, significance_stars
+from avrgym.analysis.statistics.rank_tests import (
+    compute_clustered_wilson_interval,
+    format_significance_stars,
+    run_signed_rank_test,
+)
 from avrgym.array_types import FloatArray
-from avrgym.learning.evaluation import wilson_interval
-from avrgym.study.design.design import Design, default_design_text, parse_design
-from avrgym.study.plan.plan import ExclusionRules, Hypothesis, Plan
+from avrgym.learning.evaluation import compute_wilson_interval
+from avrgym.study.design.design import Design, parse_design, read_default_design_text
+from avrgym.study.plan.analysis_plan import AnalysisPlan, ExclusionRules, Hypothesis
 from papers_results import row
 
-DESIGN = parse_design(default_design_text())
+DESIGN = parse_design(read_default_design_text())
 STUDIES = 1000
 
 
@@ -41,13 +50,13 @@ def imagined(
     effect: float,
     people: int,
     number: int,
-    plan: Plan | None = None,
+    plan: AnalysisPlan | None = None,
 ) -> list[ComparisonRow]:
     """All tests of a study in which the last policy is rated ``effect`` points better, as the report has them."""
     answers = studies.simulate_answers(effect, people, number)
     families = [
-        *outcome_test_families(design, list(_trials(design, people, number))),
-        *answer_test_families(design, list(_answers(design, studies, answers))),
+        *compute_outcome_test_families(design, list(_trials(design, people, number))),
+        *compute_answer_test_families(design, list(_answers(design, studies, answers))),
     ]
     return [each for family in assign_result_roles(families, [], plan).families for each in family.rows]
 
@@ -106,7 +115,7 @@ def any_star(rows: Sequence[ComparisonRow]) -> bool:
 def _by_holm(unit: str, families: str, quantity: str = "") -> Finds:
     def finds(rows: Sequence[ComparisonRow]) -> bool:
         return any(
-            significance_stars(each.p_holm)
+            format_significance_stars(each.p_holm)
             for each in rows
             if each.unit == unit and families in each.family and quantity in each.quantity
         )
@@ -132,7 +141,7 @@ WITH_PLAN: Mapping[str, Finds] = {
     "L1 between policies, corrected jointly over the four answers of a plan": _first,
 }
 FAMILY = f"policies, by {PARTICIPANT_UNIT}"
-PLAN = Plan(
+PLAN = AnalysisPlan(
     participants=8,
     exclusion=ExclusionRules(0.5),
     hypotheses=(Hypothesis("H1", "Policies differ.", ("L1", "L2", "L3", "L4"), (FAMILY,)),),
@@ -157,7 +166,7 @@ def stars() -> Iterator[str]:
 
 def share(hits: int, studies: int) -> str:
     """A share in percent with its Monte-Carlo interval."""
-    low, high = (100.0 * end for end in wilson_interval(hits, studies))
+    low, high = (100.0 * end for end in compute_wilson_interval(hits, studies))
     return f"{100.0 * hits / studies:.1f} ({low:.1f} to {high:.1f})"
 
 
@@ -170,8 +179,8 @@ def success() -> Iterator[str]:
         rng = np.random.default_rng([int(spread), 1])
         people = rng.normal(0.0, spread, (20 * STUDIES, 8, 1))
         given = rng.random((20 * STUDIES, 8, 4)) < 1.0 / (1.0 + np.exp(-people))
-        clustered = np.array([clustered_wilson_interval(each) for each in given.tolist()], float)
-        plain = np.array([wilson_interval(each, 32) for each in given.sum(axis=(1, 2)).tolist()])
+        clustered = np.array([compute_clustered_wilson_interval(each) for each in given.tolist()], float)
+        plain = np.array([compute_wilson_interval(each, 32) for each in given.sum(axis=(1, 2)).tolist()])
         yield row(f"{spread:g}", *(f"{100.0 * _covers(ends, 0.5):.1f}" for ends in (clustered, plain)))
 
 
@@ -190,9 +199,9 @@ def effect_sizes() -> Iterator[str]:
         cells: list[str] = []
         for shift in SHIFTS:
             truth = np.mean(
-                [signed_rank_test(each).effect_size for each in _differences(rng, shift, (200, 600))]
+                [run_signed_rank_test(each).effect_size for each in _differences(rng, shift, (200, 600))]
             )
-            found = [signed_rank_test(each) for each in _differences(rng, shift, (2 * STUDIES, people))]
+            found = [run_signed_rank_test(each) for each in _differences(rng, shift, (2 * STUDIES, people))]
             ends = np.array(
                 [
                     (each.effect_size_low, each.effect_size_high)
@@ -240,11 +249,11 @@ def _rates(found: Sequence[Both]) -> tuple[str, str, int]:
 def _both(spreads: Sequence[float], number: int) -> Both | None:
     """Whether policies differ in each fit, whether it is singular, and whether the variance of policies is zero."""
     observed = list(_observed(spreads, number))
-    names = design_matrix(DESIGN, observed)
+    names = make_design_matrix(DESIGN, observed)
     matrix = np.hstack([np.ones((len(observed), 1)), names.matrix])
-    (effect,) = (each for each in effects_of_interest(DESIGN) if each.kind == POLICY_EFFECT)
-    contrast = np.concatenate([[0.0], names.contrast(effect)])
-    together = random_effect_labels(observed)
+    (effect,) = (each for each in list_effects_of_interest(DESIGN) if each.kind == POLICY_EFFECT)
+    contrast = np.concatenate([[0.0], names.make_contrast(effect)])
+    together = make_random_effect_labels(observed)
     values, people = [each.value for each in observed], [each.participant for each in observed]
 
     def fit(kept: Sequence[str]) -> MixedModelFit:

@@ -79,11 +79,12 @@ def train_all() -> None:
             continue
         out = UNDER_WAY / run.name
         if configuration.contains_training_run(out):
-            policy = training.resume(out)
+            policy = training.resume_training(out)
         else:
             steps = STEPS[find_environment(run.environment)[0]]
             policy = training.train(
-                configuration.configuration_for(run.environment, run.people, steps, run.seed), out
+                configuration.make_feedforward_configuration(run.environment, run.people, steps, run.seed),
+                out,
             )
         measured = policy.metadata.measured
         add(FIGURES_FILE, _name(run, run.people), {figure: measured.get(figure) for figure in FIGURES})

@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 
 from avrgym.learning.evaluation import evaluate_all
-from avrgym.policies.trained import Policy, packaged_policies
+from avrgym.policies.trained_policies import Policy, find_packaged_policies
 from avrgym.tasks.constants import SIMULATION_VERSION
 from avrgym.tasks.registry import ENVIRONMENTS
 from figures_file import chosen
@@ -30,7 +30,7 @@ def main() -> None:
     """Measure and store, one policy after the other."""
     episodes = int(sys.argv[1]) if len(sys.argv) > 1 else EPISODES
     for environment in ENVIRONMENTS:
-        for name, path in packaged_policies(environment).items():
+        for name, path in find_packaged_policies(environment).items():
             policy = Policy.load(path)
             if not is_measured(policy, episodes):
                 measured = measure(environment, name, policy.metadata.people, episodes)

@@ -54,7 +54,7 @@ def train() -> None:
             out = _folder(environment, kind)
             if contains_training_run(out):
                 if not _has_ended(out):
-                    training.resume(out)
+                    training.resume_training(out)
                 continue
             configuration = RecurrentConfiguration(
                 environment=environment, steps=STEPS, imitation_share=IMITATION_SHARE, seed=TRAINING_SEED

@@ -54,15 +54,15 @@ def path(environment: str, people: str, worlds: int) -> tuple[np.ndarray, np.nda
     policy = registry.resolve_policy("adaptive", environment)
     generators = [np.random.default_rng(seed) for seed in range(worlds)]
     observation = episodes.reset(np.arange(worlds), generators)
-    act = registry.action_function(policy, episodes, generators)
+    act = registry.make_action_function(policy, episodes, generators)
     heads, hands = [], []
     for _ in range(STEPS):
         action = act(observation)
         episodes.command_robots(action)
         for substep in range(DEFAULT_SUBSTEPS):
             episodes.step_physics(substep, 1)
-            heads.append(episodes.simulation.person_joint_angles_rad()[:, HEAD])
-            hands.append(episodes.simulation.arm_poses().right_arm_pos_w[:, 2])
+            heads.append(episodes.simulation.get_person_joint_angles_rad()[:, HEAD])
+            hands.append(episodes.simulation.get_arm_poses().right_arm_pos_w[:, 2])
         observation = episodes.evaluate_step(action).observation
     return np.array(heads), np.array(hands)
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from avrgym.learning.evaluation import evaluate
-from avrgym.policies.trained import Policy
+from avrgym.policies.trained_policies import Policy
 from figures_file import add, chosen, read, success
 from papers_results import ENVIRONMENTS, SIMULATION, VIRTUAL_REALITY, Reached, row, short
 
@@ -86,9 +86,9 @@ def train(arguments: Sequence[str]) -> None:
             continue
         out = UNDER_WAY / run.name
         if contains_training_run(out):
-            policy = training.resume(out, steps=steps)
+            policy = training.resume_training(out, steps=steps)
         else:
-            configuration = training.configuration_for(
+            configuration = training.make_feedforward_configuration(
                 run.environment, run.people, steps, TRAINING_SEED, hyperparameters=PAPER_HYPERPARAMETERS
             )
             policy = training.train(configuration, out)

@@ -12,9 +12,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from avrgym.learning.evaluation import Evaluation, evaluate_all
+from avrgym.learning.evaluation import EvaluationResult, evaluate_all
 from avrgym.people.population_names import ASSISTIVE_GYM_IMPAIRMENTS, SEVERITIES
-from avrgym.policies.trained import packaged_policies
+from avrgym.policies.trained_policies import find_packaged_policies
 from avrgym.tasks.registry import ENVIRONMENTS
 from figures_file import add, chosen, name_of, read, success_and_force
 from papers_results import row, short
@@ -96,7 +96,7 @@ def _cells(kinds: Sequence[str], groups: Mapping[str, Group]) -> dict[str, tuple
     }
 
 
-def _stored(found: Evaluation) -> dict[str, object]:
+def _stored(found: EvaluationResult) -> dict[str, object]:
     """The stored results of an evaluation: its figures, and those of regions with contact."""
     regions = {
         name: {figure: getattr(region, figure) for figure in OF_REGION}
@@ -122,7 +122,7 @@ def guard_table() -> Iterator[str]:
 
 
 def _environments(kind: str) -> list[str]:
-    return [environment for environment in ENVIRONMENTS if kind in packaged_policies(environment)]
+    return [environment for environment in ENVIRONMENTS if kind in find_packaged_policies(environment)]
 
 
 def _hardest(found: Mapping) -> str:

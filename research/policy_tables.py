@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from avrgym.learning.evaluation import wilson_interval
+from avrgym.learning.evaluation import compute_wilson_interval
 from avrgym.tasks.registry import TASKS
 from papers_results import short
 
@@ -27,7 +27,7 @@ def comparison_table(original: list[dict], revised: list[dict]) -> Iterator[str]
 
 def settings_table() -> Iterator[str]:
     """Training settings that differ between the tasks."""
-    from avrgym.learning.training import configuration_for
+    from avrgym.learning.training import make_feedforward_configuration
 
     yield (
         "| task | worlds | minibatch | imitation rounds | log standard deviation of actions | learning rate "
@@ -35,7 +35,7 @@ def settings_table() -> Iterator[str]:
     )
     yield "|---|---|---|---|---|---|---|---|---|"
     for task in TASKS:
-        how = configuration_for(f"avrgym/{task}Jaco-v1", "original", 1, 0)
+        how = make_feedforward_configuration(f"avrgym/{task}Jaco-v1", "original", 1, 0)
         first, last = how.log_std
         yield (
             f"| {task} | {how.num_envs} | {how.batch_size} | {how.imitation_rounds} | {first:g} to {last:g} "
@@ -50,7 +50,7 @@ def _row_success(rows: list[dict]) -> str:
 
 
 def _success(successes: int, episodes: int) -> str:
-    low, high = wilson_interval(successes, episodes)
+    low, high = compute_wilson_interval(successes, episodes)
     return f"{100.0 * successes / episodes:.3g} % [{100.0 * low:.0f}, {100.0 * high:.0f}]"
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import kinematics, transforms
 from avrgym.learning.evaluation import evaluate
-from avrgym.simulation.base_search import GOAL_ACCURACY_M, GOAL_ACCURACY_RAD
+from avrgym.simulation.base_search import MAX_GOAL_ERROR_M, MAX_GOAL_ERROR_RAD
 from avrgym.system import random_streams
 from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
@@ -32,14 +32,14 @@ FIGURES = (
 
 
 class PoseRecorder:
-    """Calls ``find_start`` and stores its arguments."""
+    """Calls ``find_initial_state`` and stores its arguments."""
 
     def __init__(self) -> None:
-        self._placed_start = placement.find_start
+        self._placed_start = placement.find_initial_state
         self.arguments: tuple[Any, ...] = ()
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
-        """Initial states, as ``find_start`` returns them."""
+        """Initial states, as ``find_initial_state`` returns them."""
         self.arguments = arguments
         return self._placed_start(*arguments, **options)
 
@@ -52,26 +52,26 @@ def reach(environment: str) -> dict[str, float]:
     """
     episodes = Episodes(environment, STARTS, people=PEOPLE, num_threads=1)
     recorder, worlds = PoseRecorder(), np.arange(STARTS)
-    placement.find_start, original = recorder, placement.find_start
+    placement.find_initial_state, original = recorder, placement.find_initial_state
     try:
-        episodes._draw(worlds, [random_streams.episode_generator(world) for world in worlds.tolist()])
+        episodes._draw(worlds, [random_streams.make_episode_rng(world) for world in worlds.tolist()])
     finally:
-        placement.find_start = original
+        placement.find_initial_state = original
     _, _, _, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w, _ = recorder.arguments
-    chain, joints = placement.arm_chain(episodes.scene), episodes.simulation.joint_positions()
-    to_base = transforms.invert(*episodes.simulation.initial_base_pose())
+    chain, joints = placement.make_arm_chain(episodes.scene), episodes.simulation.get_joint_positions()
+    to_base = transforms.invert(*episodes.simulation.get_initial_base_pose())
     pos, q = transforms.compose(*to_base, tool_pos_w, np.broadcast_to(tool_q_w, (STARTS, 4)))
     reached_pos, reached_q = kinematics.forward_kinematics(chain, joints)
     off_rad = transforms.to_rotation_vector(transforms.multiply(reached_q, transforms.conjugate(q)))
     start = (_length(reached_pos - pos) < 0.005) & (_length(off_rad) < 0.05)
-    plans, goals = placement.planning_chain(episodes.scene), []
+    plans, goals = placement.make_planning_chain(episodes.scene), []
     travel = np.zeros((STARTS, len(plans.lower_limit) - len(chain.lower_limit)))
     joints = np.concatenate([travel, joints], axis=-1)
     for goal in range(goal_pos_w.shape[1]):
         pos, q = transforms.compose(*to_base, goal_pos_w[:, goal], goal_q_w[:, goal])
         found = kinematics.inverse_kinematics(plans, pos, q, joints, iterations=GOAL_ITERATIONS)
         goals.append(
-            (found.position_error_m < GOAL_ACCURACY_M) & (found.rotation_error_rad < GOAL_ACCURACY_RAD)
+            (found.position_error_m < MAX_GOAL_ERROR_M) & (found.rotation_error_rad < MAX_GOAL_ERROR_RAD)
         )
     clear = 1.0 - len(episodes._conflicts(worlds)) / STARTS
     return {"start": float(start.mean()), "goals": float(np.mean(goals)), "clear": clear}

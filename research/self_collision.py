@@ -9,7 +9,7 @@ from pathlib import Path
 
 from avrgym.learning.evaluation import evaluate
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.placement_check import draw_starts
+from avrgym.tasks.placement_check import count_initial_state_samples
 from avrgym.tasks.settings import Settings
 from figures_file import add, chosen, read
 
@@ -29,7 +29,11 @@ def main() -> None:
             environment, settings = f"avrgym/{name}-v1", Settings(self_collision=on)
             found = evaluate(environment, "oracle", PEOPLE, EPISODES, SEED, settings=settings)
             episodes = Episodes(environment, STARTS, people=PEOPLE, num_threads=1, settings=settings)
-            add(FIGURES_FILE, key, {**chosen(found, FIGURES), "draws": draw_starts(episodes).mean_draws})
+            add(
+                FIGURES_FILE,
+                key,
+                {**chosen(found, FIGURES), "draws": count_initial_state_samples(episodes).mean_samples},
+            )
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from avrgym.people.zoo.partners import (
     STYLE_LEVELS,
     PartnerSet,
 )
-from avrgym.people.zoo.styles import ASSUMED_SOURCE, PARAMETER_SOURCES, STYLES
+from avrgym.people.zoo.styles import ASSUMPTION, PARAMETER_SOURCES, STYLES
 from figures_file import add, chosen, read, success
 from papers_results import row, short
 
@@ -97,7 +97,9 @@ def _set_level(parameter: str, level: float) -> None:
             values[index] = _value(ranges[partner.style], parameter, level)
     partners = PartnerSet(
         replace(PARTNER_PARAMETERS, **{parameter: values}),
-        tuple(SINGLE_STYLE_PARTNER_SETS[f"{TRAIN_ZOO}/{style}"].group_rows[0] for style in ranges),
+        tuple(
+            SINGLE_STYLE_PARTNER_SETS[f"{TRAIN_ZOO}/{style}"].group_starts_and_sizes[0] for style in ranges
+        ),
     )
     named = cast("dict[str, PeopleDistribution]", NAMED_DISTRIBUTIONS)
     named[TRAIN_ZOO] = replace(named[TRAIN_ZOO], partners=partners)
@@ -105,7 +107,7 @@ def _set_level(parameter: str, level: float) -> None:
 
 def _source(parameter: str) -> str:
     source = PARAMETER_SOURCES[parameter]
-    return "assumption" if source.startswith(ASSUMED_SOURCE) else "source"
+    return "assumption" if source.startswith(ASSUMPTION) else "source"
 
 
 def _span(parameter: str, end: str) -> str:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import human
-from avrgym.models.human import PROPORTIONS, SEXES, Sex
+from avrgym.models.human import BODY_DIMENSIONS, SEXES, Sex
 from human_mesh import source
 from human_mesh.clothes import Wardrobe
 from human_mesh.fit import body_weights, curled, fitted
@@ -46,7 +46,7 @@ def main() -> None:
 
 
 def _in_head(vertices: FloatArray, sex: Sex) -> FloatArray:
-    pos, q = human.bind_frames(sex, PROPORTIONS[sex].torso_height)
+    pos, q = human.compute_bind_frames(sex, BODY_DIMENSIONS[sex].torso_height_m)
     return transforms.rotate(transforms.conjugate(q["head"]), vertices - pos["head"])
 
 

@@ -9,25 +9,25 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from avrgym.learning.evaluation import Evaluation, wilson_interval
-from avrgym.people.zoo.commanding import COMMANDING_PARTNER_SETS
+from avrgym.learning.evaluation import EvaluationResult, compute_wilson_interval
+from avrgym.people.zoo.commanding_partners import COMMANDING_PARTNER_SETS
 from avrgym.people.zoo.partners import SINGLE_STYLE_PARTNER_SETS, ZOO_PARTNER_SETS
 from avrgym.people.zoo.styles import (
-    COMMAND_SOURCES,
+    COMMAND_PARAMETER_SOURCES,
     COMMANDING_STYLE,
     COMMANDING_STYLE_NAME,
     PARAMETER_SOURCES,
     STYLES,
     BehaviourStyle,
 )
-from avrgym.policies.trained import Policy, packaged_policies
+from avrgym.policies.trained_policies import Policy, find_packaged_policies
 from avrgym.questionnaires.instrument import Instrument
 from avrgym.questionnaires.registry import INSTRUMENTS
-from avrgym.safety.approach_speed import effective_mass_kg
-from avrgym.safety.force_guard import INTERVENTION_FORCE_SHARE
-from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, max_impact_speed_m_s
+from avrgym.safety.approach_speed import compute_effective_mass_kg
+from avrgym.safety.force_guard import INTERVENTION_FORCE_LIMIT_FRACTION
+from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, compute_max_impact_speed_m_s
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import ENVIRONMENTS, ROBOTS, TASKS, observation_and_action_size
+from avrgym.tasks.registry import ENVIRONMENTS, ROBOTS, TASKS, get_observation_and_action_size
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "avrgym"
@@ -70,8 +70,8 @@ def environments() -> Lines:
     """The environments with their sizes and packaged policies."""
     rows = []
     for name in ENVIRONMENTS:
-        observation_size, action_size = observation_and_action_size(name)
-        kinds = ", ".join(kind for kind in KINDS if kind in packaged_policies(name))
+        observation_size, action_size = get_observation_and_action_size(name)
+        kinds = ", ".join(kind for kind in KINDS if kind in find_packaged_policies(name))
         rows.append((f"`{name}`", str(action_size), str(observation_size), kinds))
     return table(("environment", "action", "observation", "packaged policies"), rows)
 
@@ -81,7 +81,7 @@ def observations() -> Lines:
     rows = []
     for name, task in TASKS.items():
         robot = next(robot for of, robot in ENVIRONMENTS.values() if of == name)
-        found = task.observation(task.scene(ROBOTS[robot]))
+        found = task.make_observation_spec(task.make_scene(ROBOTS[robot]))
         parts = ", ".join(f"`{entry.name}` ({entry.size})" for entry in found.entries)
         rows.append((name, str(found.size), parts))
     return table(("task", "numbers with its first robot", "parts in order"), rows)
@@ -91,9 +91,9 @@ def body_regions() -> Lines:
     """Force limits by body region, and the contact speeds that reach half of them."""
     environments = {robot: f"avrgym/Feeding{robot}-v1" for robot in ("Jaco", "PR2")}
     speeds = {
-        robot: max_impact_speed_m_s(
-            INTERVENTION_FORCE_SHARE * QUASI_STATIC_LIMIT_N,
-            effective_mass_kg(Episodes(environment, 1).simulation),
+        robot: compute_max_impact_speed_m_s(
+            INTERVENTION_FORCE_LIMIT_FRACTION * QUASI_STATIC_LIMIT_N,
+            compute_effective_mass_kg(Episodes(environment, 1).simulation),
         )
         for robot, environment in environments.items()
     }
@@ -156,7 +156,7 @@ def policies_clinical() -> Lines:
 
 def _result(figures: Mapping[str, Any]) -> str:
     rate, episodes = figures["success_rate"], figures["episodes"]
-    low, high = (100.0 * end for end in wilson_interval(round(rate * episodes), episodes))
+    low, high = (100.0 * end for end in compute_wilson_interval(round(rate * episodes), episodes))
     lines = [f"{100.0 * rate:.1f} % [{low:.0f}, {high:.0f}]", f"{figures['force_mean_newton']:.1f} N"]
     if "episodes_over_limit" in figures:
         lines.append(f"{figures['episodes_over_limit']} of {episodes}")
@@ -165,7 +165,7 @@ def _result(figures: Mapping[str, Any]) -> str:
 
 def _packaged() -> Iterator[tuple[str, str, Policy]]:
     for environment in ENVIRONMENTS:
-        files = packaged_policies(environment)
+        files = find_packaged_policies(environment)
         for kind in KINDS:
             if kind in files:
                 yield environment, kind, Policy.load(files[kind])
@@ -205,7 +205,7 @@ def zoo_styles() -> Lines:
 
 def zoo_parameters() -> Lines:
     """The source of each behaviour parameter, or that it is an assumption."""
-    sources = {**PARAMETER_SOURCES, **COMMAND_SOURCES}
+    sources = {**PARAMETER_SOURCES, **COMMAND_PARAMETER_SOURCES}
     return table(("parameter", "source"), [(f"`{name}`", text) for name, text in sources.items()])
 
 
@@ -249,9 +249,11 @@ def _answers(instrument: Instrument) -> str:
 
 def evaluation() -> Lines:
     """The keys of a row of ``avrgym evaluate --json``."""
-    yield " ".join((inspect.getdoc(Evaluation) or "").replace("``", "`").split())
+    yield " ".join((inspect.getdoc(EvaluationResult) or "").replace("``", "`").split())
     yield ""
-    kinds = ((field.name, str(getattr(field.type, "__name__", field.type))) for field in _fields(Evaluation))
+    kinds = (
+        (field.name, str(getattr(field.type, "__name__", field.type))) for field in _fields(EvaluationResult)
+    )
     yield from table(("key", "type"), [(f"`{name}`", f"`{kind}`") for name, kind in kinds])
 
 

@@ -20,7 +20,13 @@ from avrgym.networks.policy import PolicyMetadata, TrainedHumanMetadata
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.questionnaires.stop_rules import StopRule
 from avrgym.recording import schema
-from avrgym.recording.configuration import BodyModel, HeadsetCheck, TrackedPart, TrialConfiguration, Versions
+from avrgym.recording.configuration import (
+    BodyModel,
+    HeadsetCheck,
+    TrackingQuality,
+    TrialConfiguration,
+    Versions,
+)
 from avrgym.recording.input_profile import InputProfile
 from avrgym.study.design import design
 from avrgym.vr.protocol import messages
@@ -29,13 +35,13 @@ from reference_tables import TABLES
 OUT = Path(__file__).parents[1] / "build" / "reference"
 STUDY_TABLES = {
     "The study itself": design.Design,
-    "`[consent]`": design.Consent,
+    "`[consent]`": design.ConsentConfig,
     "`[[inclusion]]`": design.InclusionQuestion,
     "`[[questionnaires]]`": Questionnaire,
     "`items` of a questionnaire": Item,
     "`[[stop_rules]]`": StopRule,
     "`[furniture]`": RealFurniture,
-    "`[reporting]`": design.Reporting,
+    "`[reporting]`": design.PublicationDetails,
     "`[database]`": design.DatabaseConfig,
 }
 RECORDING_PARTS = [
@@ -43,7 +49,7 @@ RECORDING_PARTS = [
     ("Versions", Versions),
     ("The body model", BodyModel),
     ("The headset check", HeadsetCheck),
-    ("A tracked part", TrackedPart),
+    ("A tracked part", TrackingQuality),
     ("The input profile", InputProfile),
     ("The outcome", schema.Outcome),
     ("A pose", schema.Pose),
@@ -100,8 +106,8 @@ def commands(group: Any, *path: str) -> Iterator[str]:
 
 def _messages() -> Iterator[str]:
     unions = {
-        "From the participant's page": messages.ClientMessage,
-        "From the experimenter's and spectators' pages": messages.ExperimenterMessage,
+        "From the participant's page": messages.ParticipantMessage,
+        "From the experimenter's and spectators' pages": messages.WatcherMessage,
         "From the server": messages.ServerMessage,
     }
     for title, union in unions.items():

@@ -13,7 +13,7 @@ import numpy as np
 
 from avrgym.models import human
 from avrgym.models.collision_bits import COLLISION_GROUP
-from avrgym.policies.trained import load_policy, packaged_policies
+from avrgym.policies.trained_policies import find_packaged_policies, load_policy
 from avrgym.safety.retreat import Retreat
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.constants import PACKAGED_ENVIRONMENTS
@@ -28,7 +28,9 @@ SEED = 7
 def main() -> None:
     """Write the file, of the environments with a revised policy."""
     chosen = [
-        environment for environment in PACKAGED_ENVIRONMENTS if "revised" in packaged_policies(environment)
+        environment
+        for environment in PACKAGED_ENVIRONMENTS
+        if "revised" in find_packaged_policies(environment)
     ]
     scenes = [scene for environment in chosen for scene in scenes_of(environment)]
     SCENES.write_text(json.dumps(scenes, separators=(",", ":")) + "\n")
@@ -37,7 +39,7 @@ def main() -> None:
 def scenes_of(environment: str) -> list[dict[str, Any]]:
     """The two of an environment."""
     episodes = Episodes(environment, 1, moving=True, num_threads=1)
-    policy = load_policy("revised", environment, episodes.observation.size, episodes.action_size)
+    policy = load_policy("revised", environment, episodes.observation_spec.size, episodes.action_size)
     generators = [np.random.default_rng(SEED)]
     episodes.reset(np.array([0]), generators)
     simulation = episodes.simulation
@@ -47,7 +49,7 @@ def scenes_of(environment: str) -> list[dict[str, Any]]:
         episodes.step(policy.act(episodes.observe(), generators))
     simulation.brake_robot()
     retreat = Retreat(simulation)
-    while (action := retreat.next_action()) is not None:
+    while (action := retreat.compute_next_action()) is not None:
         simulation.command_robot(action[None])
         simulation.step()
     return [before, scene_of(f"{environment} after", simulation)]
@@ -57,8 +59,8 @@ def scene_of(name: str, simulation: Simulation) -> dict[str, Any]:
     """What stands around now."""
     model, data = simulation.batch.get_model(0), simulation.batch.get_data(0)
     mujoco.mj_kinematics(model, data)
-    head = data.site(human.PREFIX + "head_centre").xpos
-    ahead = data.body(human.PREFIX + "head").xmat.reshape(3, 3)[:, 1]
+    head = data.site(human.PERSON_NAME_PREFIX + "head_centre").xpos
+    ahead = data.body(human.PERSON_NAME_PREFIX + "head").xmat.reshape(3, 3)[:, 1]
     return {"name": name, "eyes": rounded(head - human.HEADSET_OFFSET_M * ahead), "geoms": geoms(model, data)}
 
 
@@ -69,7 +71,7 @@ def geoms(model: mujoco.MjModel, data: mujoco.MjData) -> list[list[Any]]:
         kind = mujoco.mjtGeom(model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
         body = model.body(model.geom_bodyid[geom]).name
         moved = any(part in body for part in ("head", "neck", "arm", "hand")) and body.startswith(
-            human.PREFIX
+            human.PERSON_NAME_PREFIX
         )
         if kind not in KINDS or moved or body.startswith(("food", "water")):
             continue

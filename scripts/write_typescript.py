@@ -24,12 +24,12 @@ from msgspec import inspect
 
 from avrgym.models import human
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
-from avrgym.texts.interface_texts import included_languages, read_texts
+from avrgym.texts.interface_texts import list_included_languages, read_texts
 from avrgym.vr.latency import STAGE_LABELS
 from avrgym.vr.protocol import messages, state_encoding, webxr
-from avrgym.vr.session.phases import phase_names_with
-from avrgym.vr.tracking import arm, body, switches
-from avrgym.vr.tracking.frames import STALE_POSE_AGE_S
+from avrgym.vr.session.phases import list_phase_names_with_flag
+from avrgym.vr.tracking import arm, body, hand_device_switches
+from avrgym.vr.tracking.tracking_frames import STALE_POSE_AGE_S
 
 CLIENT = Path(__file__).parents[1] / "client"
 
@@ -54,8 +54,8 @@ SCALAR_EXAMPLES: dict[type[inspect.Type], object] = {
 }
 
 UNIONS = {
-    "ClientMessage": messages.ClientMessage,
-    "ExperimenterMessage": messages.ExperimenterMessage,
+    "ParticipantMessage": messages.ParticipantMessage,
+    "WatcherMessage": messages.WatcherMessage,
     "ServerMessage": messages.ServerMessage,
 }
 
@@ -65,8 +65,8 @@ PARTS_OF_MESSAGES = (
     messages.StageLatency,
     messages.StreamStatus,
     messages.CommandLabel,
-    messages.Target,
-    messages.Presentation,
+    messages.SelectionTarget,
+    messages.PresentationPreferences,
 )
 
 CONSTANTS = {
@@ -81,7 +81,7 @@ CONSTANTS = {
         {region.name: float(limit) for region, limit in zip(BODY_REGIONS, QUASI_STATIC_LIMIT_N, strict=True)}
     ),
 }
-PHASE_FLAGS = ("moves", "can_be_stopped", "awaits_ready", "can_choose_body")
+PHASE_FLAGS = ("has_motion", "can_be_stopped", "awaits_confirmation", "can_choose_body")
 """What the client needs to know of each phase: attributes of the classes in ``session.phases``."""
 
 
@@ -159,25 +159,25 @@ def generate() -> str:
 
 def phases_text() -> str:
     """The phases in which each of the client's flags holds."""
-    sets = "".join(f"  {flag}: {json.dumps(phase_names_with(flag))},\n" for flag in PHASE_FLAGS)
+    sets = "".join(f"  {flag}: {json.dumps(list_phase_names_with_flag(flag))},\n" for flag in PHASE_FLAGS)
     flags = " | ".join(json.dumps(flag) for flag in PHASE_FLAGS)
     return f"export const PHASES_WHERE: Record<{flags}, readonly PhaseName[]> = {{\n{sets}}};\n"
 
 
 ANATOMY: dict[str, dict[str, object]] = {
     "ARM": {
-        "lower_rad": arm.ARM_LOWER_RAD,
-        "upper_rad": arm.ARM_UPPER_RAD,
+        "lower_rad": arm.ARM_LOWER_LIMITS_RAD,
+        "upper_rad": arm.ARM_UPPER_LIMITS_RAD,
         "most_turn_rad": arm.MAX_TICK_ROTATION_RAD,
         "detour_rad": arm.MAX_ACCURATE_ROTATION_RAD,
         "reached": arm.MAX_REACH_FRACTION,
         "pole_rad": arm.SINGULARITY_ANGLE_RAD,
         "swivel_step_rad": arm.SWIVEL_STEP_RAD,
-        "outside": arm.OUT_OF_RANGE_COST,
-        "stay": arm.MOTION_COST,
-        "ease": arm.COMFORT_COSTS,
+        "outside": arm.OUT_OF_RANGE_COST_WEIGHT,
+        "stay": arm.MOTION_COST_WEIGHT,
+        "ease": arm.COMFORT_COST_WEIGHTS,
         "at_ease_rad": arm.COMFORTABLE_ANGLES_RAD,
-        "lift": arm.RAISED_ELBOW_COST,
+        "lift": arm.RAISED_ELBOW_COST_WEIGHT,
         "elbow_rests": arm.ELBOW_REST_DIRECTION,
         "least_squares_steps": arm.NUM_LEAST_SQUARES_STEPS,
         "metres_per_radian": arm.CHARACTERISTIC_LENGTH_M,
@@ -185,26 +185,26 @@ ANATOMY: dict[str, dict[str, object]] = {
         "damping_m": arm.LEAST_SQUARES_DAMPING_M,
     },
     "TRUNK": {
-        "waist_yaw_share": body.WAIST_YAW_SHARE,
+        "waist_yaw_share": body.WAIST_YAW_FRACTION,
         "waist_ranges_rad": body.WAIST_RANGES_RAD,
         "head_ranges_rad": body.HEAD_RANGES_RAD,
     },
     "DEVICES": {
-        "body_from_device_q": human.BODY_FROM_DEVICE_AXES,
+        "body_from_device_q": human.DEVICE_TO_BODY_QUAT,
         "head_centre_from_headset": webxr.HEAD_CENTRE_FROM_HEADSET,
         "hand_centre_from_wrist": webxr.HAND_CENTRE_FROM_WRIST,
         "hand_from_wrist_q": webxr.HAND_FROM_WRIST_AXES,
     },
     "SWITCHES": {
-        "same_m": switches.MAX_DEVICE_OFFSET_M,
-        "same_rad": switches.MAX_DEVICE_OFFSET_RAD,
-        "max_switch_gap_s": switches.MAX_SWITCH_GAP_S,
-        "rest_radius_m": switches.MAX_REST_DISPLACEMENT_M,
-        "fading_per_metre": switches.CORRECTION_DECAY_PER_M,
-        "metres_per_radian": switches.CHARACTERISTIC_LENGTH_M,
+        "same_m": hand_device_switches.MAX_DEVICE_OFFSET_M,
+        "same_rad": hand_device_switches.MAX_DEVICE_OFFSET_RAD,
+        "max_switch_gap_s": hand_device_switches.MAX_SWITCH_GAP_S,
+        "rest_radius_m": hand_device_switches.MAX_REST_DISPLACEMENT_M,
+        "fading_per_metre": hand_device_switches.CORRECTION_DECAY_PER_M,
+        "metres_per_radian": hand_device_switches.CHARACTERISTIC_LENGTH_M,
     },
     "PERSON": {
-        "prefix": human.PREFIX,
+        "prefix": human.PERSON_NAME_PREFIX,
         "joints": {
             "waist": body.WAIST_JOINT_INDICES,
             "head": body.HEAD_JOINT_INDICES,
@@ -232,7 +232,7 @@ def texts() -> str:
     """The whole of ``interface-texts.ts``: the words of the page in every language that AVR Gym brings."""
     words = {
         language: {"direction": each.direction, "texts": dict(each.page)}
-        for language, each in ((language, read_texts(language)) for language in included_languages())
+        for language, each in ((language, read_texts(language)) for language in list_included_languages())
     }
     shown = json.dumps(words, indent=2, ensure_ascii=False)
     return f"{HEADER}\nexport const TEXTS = {shown} as const;\n"
@@ -269,7 +269,7 @@ def example_messages() -> dict[str, list[messages.Message]]:
 def generate_examples() -> str:
     """The examples as JSON: what the message holds and the bytes (both base64) that Python makes of it."""
     rows = [
-        {"union": union, "value": msgspec.to_builtins(message), "bytes": messages.encode(message)}
+        {"union": union, "value": msgspec.to_builtins(message), "bytes": messages.encode_message(message)}
         for union, examples in example_messages().items()
         for message in examples
     ]
@@ -286,10 +286,10 @@ def state_examples() -> str:
             [[0.3 * number**2, -1.0, 4e5 * (number % 2), *turned], [0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0]]
         )
         targets = np.array([0.0, -0.2 * number])
-        state = messages.State(
-            sequence=number,
+        state = messages.WorldState(
+            sequence_number=number,
             simulation_time_s=0.01 * number,
-            tracking_sequence=-1,
+            tracking_sequence_number=-1,
             joint_targets=targets.astype("<f4").tobytes(),
             deviating_parts=[],
             poses=poses.astype("<f4").tobytes(),
@@ -298,7 +298,10 @@ def state_examples() -> str:
         told = decoder.decode(change)
         numbers = {name: np.frombuffer(getattr(told, name), "<f4") for name in ("joint_targets", "poses")}
         rows.append(
-            {"bytes": messages.encode(change), **{name: each.tolist() for name, each in numbers.items()}}
+            {
+                "bytes": messages.encode_message(change),
+                **{name: each.tolist() for name, each in numbers.items()},
+            }
         )
     return msgspec.json.format(msgspec.json.encode(rows), indent=1).decode() + "\n"
 

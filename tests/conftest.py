@@ -113,7 +113,7 @@ def feeding_scene() -> "SceneConfig":
     from avrgym.robots.jaco.robot import JACO
     from avrgym.tasks.registry import TASKS
 
-    return TASKS["Feeding"].scene(JACO)
+    return TASKS["Feeding"].make_scene(JACO)
 
 
 @pytest.fixture(scope="session")

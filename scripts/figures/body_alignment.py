@@ -16,9 +16,9 @@ from matplotlib.axes import Axes
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.rotation_matrices import from_euler_xyz, from_quaternion, to_euler_xyz
-from avrgym.models.human import PROPORTIONS, SEATED, SEXES, Person
+from avrgym.models.human import BODY_DIMENSIONS, SEATED_POSTURE, SEXES, Person
 from avrgym.vr.protocol.webxr import Pose
-from avrgym.vr.tracking.body import hips_frame, solve_torso_angles
+from avrgym.vr.tracking.body import compute_hips_frame, solve_torso_angles
 
 POSES = 3000
 HEIGHTS_M = (0.44, 0.70)
@@ -58,22 +58,26 @@ WAYS: Mapping[str, Callable[[Person, Pose], FloatArray]] = {
 
 def head_of(person: Person, angles_rad: FloatArray) -> Pose:
     """Where the head's centre is with these angles (6,) of waist and head."""
-    height_offset_m = PROPORTIONS[person.sex].head_centre_offset_z * _scale(person)
+    height_offset_m = BODY_DIMENSIONS[person.sex].head_centre_offset_z_m * _scale(person)
     torso = from_euler_xyz(*angles_rad[:3])
     head = torso @ from_euler_xyz(*angles_rad[3:])
-    neck_m = person.torso_height_m - PROPORTIONS[person.sex].waist_offset_z * _scale(person) - height_offset_m
+    neck_m = (
+        person.torso_height_m
+        - BODY_DIMENSIONS[person.sex].waist_offset_z_m * _scale(person)
+        - height_offset_m
+    )
     return Pose(
         _waist_w(person) + neck_m * torso[:, 2] + height_offset_m * head[:, 2], transforms.from_matrix(head)
     )
 
 
 def _scale(person: Person) -> float:
-    return person.torso_height_m / PROPORTIONS[person.sex].torso_height
+    return person.torso_height_m / BODY_DIMENSIONS[person.sex].torso_height_m
 
 
 def _waist_w(person: Person) -> FloatArray:
-    hips_w, _ = hips_frame(person, SEATED)
-    return np.add(hips_w, [0.0, 0.0, PROPORTIONS[person.sex].waist_offset_z * _scale(person)])
+    hips_w, _ = compute_hips_frame(person, SEATED_POSTURE)
+    return np.add(hips_w, [0.0, 0.0, BODY_DIMENSIONS[person.sex].waist_offset_z_m * _scale(person)])
 
 
 def people_in_poses(rng: np.random.Generator, count: int = POSES) -> list[tuple[Person, Pose]]:

@@ -10,7 +10,7 @@ import matplotlib
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
-from avrgym.policies.trained import Policy, packaged_policies
+from avrgym.policies.trained_policies import Policy, find_packaged_policies
 from avrgym.tasks.constants import PAPER_ENVIRONMENTS, PAPER_TASKS
 
 STYLES = {"original": ("#b3541e", "--"), "revised": ("#1f5f8b", "-")}
@@ -30,7 +30,7 @@ def draw(path: Path) -> None:
 
 
 def _draw_panel(panel: Axes, environment: str) -> None:
-    for kind, file in packaged_policies(environment).items():
+    for kind, file in find_packaged_policies(environment).items():
         curve = Policy.load(file).metadata.curve
         if not curve:
             continue

@@ -9,7 +9,7 @@ from PIL import Image
 
 import avrgym  # registers the environments
 from avrgym.policies.actors import Actor
-from avrgym.policies.trained import Policy, policy_path
+from avrgym.policies.trained_policies import Policy, find_policy_file
 
 ENVIRONMENT, POLICY, SEED = "avrgym/FeedingJaco-v1", "adaptive", 3
 STEPS, EVERY, WIDTH, COLOURS = 110, 2, 400, 96
@@ -20,7 +20,10 @@ def main(out: Path) -> None:
     assert avrgym
     env = gym.make(ENVIRONMENT, people="revised", render_mode="rgb_array")
     observation, _ = env.reset(seed=SEED)
-    actor, generators = Actor(Policy.load(policy_path(POLICY, ENVIRONMENT)), 1), [np.random.default_rng(SEED)]
+    actor, generators = (
+        Actor(Policy.load(find_policy_file(POLICY, ENVIRONMENT)), 1),
+        [np.random.default_rng(SEED)],
+    )
     pictures = []
     for step in range(STEPS):
         observation, *_ = env.step(actor.act(observation[None], generators)[0])

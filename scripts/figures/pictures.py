@@ -23,12 +23,12 @@ from avrgym.tasks.constants import PACKAGED_ENVIRONMENTS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
-from avrgym.vr.live_world.scene_message import poses, scene_message
+from avrgym.vr.live_world.scene_message import encode_world_poses, make_scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.server.live_server import LiveServer
-from avrgym.vr.server.real_time_loop import ReceivedMessage, SendMessage
+from avrgym.vr.server.real_time_loop import MessageSender, ReceivedMessage
 
 MOMENTS = {
     "Feeding": (3, 11),
@@ -83,8 +83,8 @@ def bystander(task: str, robot: str) -> Camera:
     """Return the bystander's camera of an environment, by default the camera of its task."""
     if (task, robot) in BYSTANDERS:
         return BYSTANDERS[task, robot]
-    view = TASKS[task].views.of_mount(TASKS[task].scene(ROBOTS[robot]).mount)
-    return beside(view.camera_pos_w, view.look_at_w)
+    view = TASKS[task].camera_views.select_view(TASKS[task].make_scene(ROBOTS[robot]).mount)
+    return beside(view.camera_pos_w, view.target_pos_w)
 
 
 OWN_CAMERA = """
@@ -128,7 +128,7 @@ class Moment:
 
     at_rest = True
 
-    def __init__(self, environment_id: str, send: SendMessage) -> None:
+    def __init__(self, environment_id: str, send: MessageSender) -> None:
         self._send = send
         self._episodes = Episodes(environment_id, 1, people="revised", num_threads=1)
         seed, steps = MOMENTS.get(self._episodes.task.name, MOMENT)
@@ -136,11 +136,11 @@ class Moment:
         act = self._episodes.task.expert(self._episodes)
         for _ in range(steps):
             self._episodes.step(act(self._episodes.observe()))
-        self.scenes = [(environment_id, self._episodes.person_of_world(0))]
-        self._poses = poses(self._episodes)
+        self.scenes = [(environment_id, self._episodes.get_person(0))]
+        self._poses = encode_world_poses(self._episodes)
         self._ticks = 0
 
-    def send_initial_state(self, send: SendMessage, role: messages.Role, now_s: float) -> None:
+    def send_initial_state(self, send: MessageSender, role: messages.Role, now_s: float) -> None:
         """Send the scene to the client."""
         name = self._episodes.environment_id
         send(messages.Welcome(messages.PROTOCOL_VERSION, name, role, haptics=False, sounds=False))
@@ -152,7 +152,7 @@ class Moment:
     def tick(self, now_s: float) -> None:
         """Send the same state again."""
         self._ticks += 1
-        self._send(messages.State(self._ticks, self._ticks * TICK_S, -1, b"", [], self._poses))
+        self._send(messages.WorldState(self._ticks, self._ticks * TICK_S, -1, b"", [], self._poses))
 
     def close(self, now_s: float) -> None:
         """Do nothing, because the session stores no data."""
@@ -169,7 +169,7 @@ class Moment:
         return Camera(_numbers(eye), _numbers(tool[:3]), _numbers(upwards), 70.0, inside=True)
 
     def _scene(self) -> messages.Scene:
-        return scene_message(0, self._episodes, Registration(np.zeros(3), 0.0))
+        return make_scene_message(0, self._episodes, Registration(np.zeros(3), 0.0))
 
 
 def take(page: Page, camera: Camera, file: Path) -> None:

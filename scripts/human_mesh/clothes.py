@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import human
-from avrgym.models.human import BODIES, PROPORTIONS, Sex
+from avrgym.models.human import BODIES, BODY_DIMENSIONS, Sex
 
 from .source import Source
 from .surface import Surface, clip, hem, join, normals_of, shift, smooth, take
@@ -40,7 +40,7 @@ class Wardrobe:
     def __init__(self, source: Source, weights: FloatArray, sex: Sex) -> None:
         """``source`` is fitted; ``weights`` (V, 16) are those of its vertices."""
         self._source, self._weights, self._sex = source, weights, sex
-        self._pos, self._q = human.bind_frames(sex, PROPORTIONS[sex].torso_height)
+        self._pos, self._q = human.compute_bind_frames(sex, BODY_DIMENSIONS[sex].torso_height_m)
 
     def parts(self) -> Mapping[str, Surface]:
         """Everything that can be drawn, by name."""
@@ -109,10 +109,11 @@ class Wardrobe:
     def _above_neckline(self, surface: Surface) -> FloatArray:
         """Metres above the shirt's round collar, which lies lower in front; large for the head."""
         x, y, z = self._local(surface, "torso").T
-        p = PROPORTIONS[self._sex]
+        p = BODY_DIMENSIONS[self._sex]
         beside = COLLAR_M - np.hypot(x, np.where(y < 0.0, 0.8, 1.0) * y)
         above = np.minimum(
-            beside, z - (p.chest_offset_z + p.shoulder_offset_z + 0.046) - np.where(y < 0.0, 0.42, 0.8) * y
+            beside,
+            z - (p.chest_offset_z_m + p.shoulder_offset_z_m + 0.046) - np.where(y < 0.0, 0.42, 0.8) * y,
         )
         above = np.where(self._weight(surface, "arm", "hand") > 0.3, -1.0, above)
         return np.where(self._weight(surface, "head") > 0.35, 1.0, above)
@@ -201,7 +202,7 @@ class Wardrobe:
 
     def _without_ears(self, scalp: Surface, thickness_m: FloatArray) -> Surface:
         """Shifted outwards; what stands off the head, as ears do, is smoothed away below."""
-        middle = self._pos["head"] + [0.0, 0.0, PROPORTIONS[self._sex].head_centre_offset_z]
+        middle = self._pos["head"] + [0.0, 0.0, BODY_DIMENSIONS[self._sex].head_centre_offset_z_m]
         outward = scalp.vertices - middle
         even = smooth(scalp, 25).vertices - middle
         x, y, z = self._local(scalp, "head").T

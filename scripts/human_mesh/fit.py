@@ -7,7 +7,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import human
-from avrgym.models.human import BODIES, CRANIUM_RADIUS_M, MOUTH_HEIGHT_M, PROPORTIONS, Sex
+from avrgym.models.human import BODIES, BODY_DIMENSIONS, CRANIUM_RADIUS_M, MOUTH_HEIGHT_M, Sex
 
 from .source import Source
 
@@ -68,7 +68,7 @@ def fitted(source: Source, sex: Sex, weights: FloatArray) -> Source:
 
 
 def _maps(source: Source, sex: Sex, weights: FloatArray) -> dict[str, Affine]:
-    place, _ = human.bind_frames(sex, PROPORTIONS[sex].torso_height)
+    place, _ = human.compute_bind_frames(sex, BODY_DIMENSIONS[sex].torso_height_m)
     maps = {"hips": _trunk(source, sex, place)}
     maps["torso"] = maps["hips"]
     maps["head"] = _head(source, sex, place["head"])
@@ -107,7 +107,7 @@ def _source_chain(source: Source, letter: str) -> dict[str, tuple[FloatArray, Fl
 
 
 def _radius(sex: Sex, part: str) -> float:
-    return getattr(PROPORTIONS[sex], f"{part}_radius")
+    return getattr(BODY_DIMENSIONS[sex], f"{part}_radius")
 
 
 def _girth(
@@ -168,15 +168,15 @@ def _trunk(source: Source, sex: Sex, place: dict[str, FloatArray]) -> Affine:
 
 def _head(source: Source, sex: Sex, joint: FloatArray) -> Affine:
     """Lips at our mouth, crown and back of the head where the collision sphere ends."""
-    p = PROPORTIONS[sex]
+    p = BODY_DIMENSIONS[sex]
     head = source.vertices[source.groups["body"]].reshape(-1, 3)
     head = head[head[:, 2] > source.bones["head"][2] - 0.02]
     lips = _lips(source)
     top, back = head[:, 2].max(), head[:, 1].max()
-    high = (p.head_centre_offset_z + 0.015 + CRANIUM_RADIUS_M - MOUTH_HEIGHT_M) / (top - lips[2])
-    deep = (p.mouth_forward + CRANIUM_RADIUS_M) / (back - lips[1])
+    high = (p.head_centre_offset_z_m + 0.015 + CRANIUM_RADIUS_M - MOUTH_HEIGHT_M) / (top - lips[2])
+    deep = (p.mouth_forward_offset_m + CRANIUM_RADIUS_M) / (back - lips[1])
     scale = np.diag([0.5 * (high + deep), deep, high])
-    return _about(scale, lips, joint + np.array([0.0, -p.mouth_forward, MOUTH_HEIGHT_M]))
+    return _about(scale, lips, joint + np.array([0.0, -p.mouth_forward_offset_m, MOUTH_HEIGHT_M]))
 
 
 def _lips(source: Source) -> FloatArray:

@@ -53,7 +53,7 @@ def run_demo(out: Path, seed: int, log: Callable[[str], None]) -> DemoResult:
         ],
         sex="woman",
         free_movement_s=FREE_MOVEMENT_S,
-        simulated=True,
+        is_simulated=True,
         trial_steps=TRIAL_STEPS,
         countdown_s=COUNTDOWN_S,
     )

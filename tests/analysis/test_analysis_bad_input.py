@@ -10,19 +10,19 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from avrgym.analysis import study
-from avrgym.analysis.biomechanics import training_people
+from avrgym.analysis import study_analysis
+from avrgym.analysis.biomechanics import training_populations
 from avrgym.analysis.figures import draw_figures
-from avrgym.analysis.output import write_analysis
-from avrgym.analysis.study import StudyAnalysis, analyse_study
+from avrgym.analysis.output_files import write_analysis
+from avrgym.analysis.study_analysis import StudyAnalysis, analyse_study
 from avrgym.cli.main import app
 from avrgym.recording.configuration import Versions
-from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.participant_deletion import delete_participant
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.attempts import recording_sha256
-from avrgym.study.storage.rows import TrialAttempt
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.attempts import compute_recording_sha256
+from avrgym.study.storage.database_rows import TrialAttempt
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from helpers.browser.html_page import Page
 from helpers.studies.known_results import (
     enrol_included,
@@ -44,18 +44,18 @@ DESIGN = {"tasks": '["Feeding"]', "robots": '["Jaco"]', "practice_policy": '""'}
 @pytest.fixture(autouse=True)
 def _few_people(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few people of the training: these tests are about words, not figures."""
-    monkeypatch.setattr(training_people, "PEOPLE_PER_TASK", 20)
+    monkeypatch.setattr(training_populations, "SAMPLED_PEOPLE_PER_TASK", 20)
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
+def store(tmp_path: Path) -> Iterator[StudyStore]:
     """Nobody takes part yet."""
-    with Store(make_study(tmp_path / "study", **DESIGN)) as opened:
+    with StudyStore(make_study(tmp_path / "study", **DESIGN)) as opened:
         yield opened
 
 
 @pytest.fixture
-def words(store: Store, tmp_path: Path) -> Callable[[], str]:
+def words(store: StudyStore, tmp_path: Path) -> Callable[[], str]:
     """Analyses the study; gives all words of the page."""
 
     def analysed() -> str:
@@ -65,29 +65,29 @@ def words(store: Store, tmp_path: Path) -> Callable[[], str]:
     return analysed
 
 
-def attempt(store: Store, pseudonym: str, position: int) -> TrialAttempt:
-    (found,) = (each for each in store.attempts(pseudonym) if f"trial-{position:02}" in each.recording)
+def attempt(store: StudyStore, pseudonym: str, position: int) -> TrialAttempt:
+    (found,) = (each for each in store.read_attempts(pseudonym) if f"trial-{position:02}" in each.recording)
     return found
 
 
-def recording(store: Store, pseudonym: str, position: int) -> Path:
-    return store.absolute_path(attempt(store, pseudonym, position).recording)
+def recording(store: StudyStore, pseudonym: str, position: int) -> Path:
+    return store.resolve_path(attempt(store, pseudonym, position).recording)
 
 
-def take_as_recorded(store: Store, pseudonym: str, position: int) -> None:
+def take_as_recorded(store: StudyStore, pseudonym: str, position: int) -> None:
     """Let the study know a recording as it is now."""
     found = attempt(store, pseudonym, position)
     with store.database.write_transaction() as connection:
-        checksum = recording_sha256(store, found.recording)
-        hash_chain.update(connection, schema.ATTEMPT_TABLE, found.id, sha256=checksum)
+        checksum = compute_recording_sha256(store, found.recording)
+        hash_chain.update_row(connection, schema.ATTEMPT_TABLE, found.id, sha256=checksum)
 
 
-def rewrite(store: Store, pseudonym: str, position: int, **changes) -> None:
+def rewrite(store: StudyStore, pseudonym: str, position: int, **changes) -> None:
     """Put another recording in a trial's place."""
     path = recording(store, pseudonym, position)
     path.unlink()
-    trial = store.trials(pseudonym)[position - 1]
-    record_trial(path, store.design, store.participant(pseudonym), trial, **changes)
+    trial = store.read_trials(pseudonym)[position - 1]
+    record_trial(path, store.design, store.read_participant(pseudonym), trial, **changes)
 
 
 def rows_of(tmp_path: Path, table: str, **values: str) -> list[Mapping[str, str]]:
@@ -99,7 +99,7 @@ def rows_of(tmp_path: Path, table: str, **values: str) -> list[Mapping[str, str]
 # Little data
 
 
-def test_an_empty_study(store: Store, tmp_path: Path) -> None:
+def test_an_empty_study(store: StudyStore, tmp_path: Path) -> None:
     page = write_analysis(analyse_study(store), store.folder, tmp_path / "out")
     assert "There are no participants yet." in Page(page).text
     for path in (tmp_path / "out" / "tables").glob("*.csv"):
@@ -109,7 +109,7 @@ def test_an_empty_study(store: Store, tmp_path: Path) -> None:
     assert list((tmp_path / "out" / "figures").iterdir()) == []
 
 
-def test_someone_enrolled_without_any_trial(store: Store, words: Callable[[], str]) -> None:
+def test_someone_enrolled_without_any_trial(store: StudyStore, words: Callable[[], str]) -> None:
     enrol_included(store, simulated=False)
     said = words()
     assert "No trial was completed yet." in said
@@ -118,7 +118,7 @@ def test_someone_enrolled_without_any_trial(store: Store, words: Callable[[], st
 
 
 @pytest.mark.slow
-def test_one_participant(store: Store, words: Callable[[], str], tmp_path: Path) -> None:
+def test_one_participant(store: StudyStore, words: Callable[[], str], tmp_path: Path) -> None:
     run_trials(store, enrol_included(store, simulated=False))
     assert "SIMULATED" not in words()
     (row,) = rows_of(tmp_path, "objective", policy="revised", task="Feeding")
@@ -128,7 +128,7 @@ def test_one_participant(store: Store, words: Callable[[], str], tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_all_answers_equal(store: Store, words: Callable[[], str], tmp_path: Path) -> None:
+def test_all_answers_equal(store: StudyStore, words: Callable[[], str], tmp_path: Path) -> None:
     for _ in range(2):
         run_trials(store, enrol_included(store), rate=lambda *_: 4)
     assert "Wilcoxon signed-rank, all differences are zero" in words()
@@ -138,7 +138,7 @@ def test_all_answers_equal(store: Store, words: Callable[[], str], tmp_path: Pat
 
 @pytest.mark.slow
 def test_a_trial_without_its_partner_is_left_out_of_pairs(
-    store: Store, words: Callable[[], str], tmp_path: Path
+    store: StudyStore, words: Callable[[], str], tmp_path: Path
 ) -> None:
     run_trials(store, enrol_included(store))
     run_trials(store, enrol_included(store), 1)
@@ -162,8 +162,11 @@ class Broken:
 @pytest.fixture(scope="module")
 def broken(tmp_path_factory: pytest.TempPathFactory) -> Broken:
     folder = tmp_path_factory.mktemp("broken")
-    with pytest.MonkeyPatch.context() as monkeypatch, Store(make_study(folder / "study", **DESIGN)) as store:
-        monkeypatch.setattr(training_people, "PEOPLE_PER_TASK", 20)
+    with (
+        pytest.MonkeyPatch.context() as monkeypatch,
+        StudyStore(make_study(folder / "study", **DESIGN)) as store,
+    ):
+        monkeypatch.setattr(training_populations, "SAMPLED_PEOPLE_PER_TASK", 20)
         for simulated in (True, True, False, True):
             run_trials(store, enrol_included(store, simulated=simulated))
         cut = recording(store, "sub-001", 1)
@@ -245,7 +248,7 @@ def test_answers_to_a_trial_that_does_not_count_do_not_count(broken: Broken) -> 
     assert sorted(answered) == ["false"] * 4 + ["true"] * 4
 
 
-def test_changed_recordings_are_named_and_nothing_is_analysed(store: Store, tmp_path: Path) -> None:
+def test_changed_recordings_are_named_and_nothing_is_analysed(store: StudyStore, tmp_path: Path) -> None:
     run_trials(store, enrol_included(store))
     for position in (1, 2):
         rewrite(store, "sub-001", position, other_course=9)
@@ -259,7 +262,9 @@ def test_changed_recordings_are_named_and_nothing_is_analysed(store: Store, tmp_
 
 
 @pytest.mark.slow
-def test_nothing_of_changed_recordings_is_used_where_they_are_skipped(store: Store, tmp_path: Path) -> None:
+def test_nothing_of_changed_recordings_is_used_where_they_are_skipped(
+    store: StudyStore, tmp_path: Path
+) -> None:
     run_trials(store, enrol_included(store))
     rewrite(store, "sub-001", 1, other_course=9)
     assert avrgym("analyze", store.folder, "--out", tmp_path / "out", "--skip-damaged").exit_code == 0
@@ -277,7 +282,7 @@ def test_nothing_of_changed_recordings_is_used_where_they_are_skipped(store: Sto
 
 @pytest.mark.slow
 def test_a_policy_that_is_not_found(tmp_path: Path) -> None:
-    with Store(make_study(tmp_path / "other", **DESIGN, policies='["original", "mine"]')) as other:
+    with StudyStore(make_study(tmp_path / "other", **DESIGN, policies='["original", "mine"]')) as other:
         run_trials(other, enrol_included(other))
         page = write_analysis(analyse_study(other), other.folder, tmp_path / "out")
     said = " ".join(Page(page).text.split())
@@ -293,7 +298,7 @@ def test_a_policy_that_is_not_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_files_of_an_earlier_analysis_are_replaced_and_others_stay(store: Store, tmp_path: Path) -> None:
+def test_files_of_an_earlier_analysis_are_replaced_and_others_stay(store: StudyStore, tmp_path: Path) -> None:
     def write() -> None:
         write_analysis(analyse_study(store), store.folder, tmp_path / "out")
 
@@ -310,7 +315,7 @@ def test_files_of_an_earlier_analysis_are_replaced_and_others_stay(store: Store,
     assert (made, (tmp_path / "out" / "figures" / "likert-simulated.svg").exists()) == (True, False)
 
 
-def test_a_folder_with_tables_of_other_origin_is_refused(store: Store, tmp_path: Path) -> None:
+def test_a_folder_with_tables_of_other_origin_is_refused(store: StudyStore, tmp_path: Path) -> None:
     theirs = tmp_path / "out" / "tables" / "trials.csv"
     theirs.parent.mkdir(parents=True)
     theirs.write_text("theirs")
@@ -321,7 +326,7 @@ def test_a_folder_with_tables_of_other_origin_is_refused(store: Store, tmp_path:
 
 
 @pytest.mark.slow
-def test_deleting_a_participant_deletes_the_analysis_in_the_study(store: Store) -> None:
+def test_deleting_a_participant_deletes_the_analysis_in_the_study(store: StudyStore) -> None:
     run_trials(store, enrol_included(store))
     out = store.folder / "analysis"
     write_analysis(analyse_study(store), store.folder, out)
@@ -338,7 +343,9 @@ def avrgym(*arguments: str | Path) -> Result:
 
 
 @pytest.mark.slow
-def test_the_command_writes_into_the_study_and_its_figures_to_a_file(store: Store, tmp_path: Path) -> None:
+def test_the_command_writes_into_the_study_and_its_figures_to_a_file(
+    store: StudyStore, tmp_path: Path
+) -> None:
     run_trials(store, enrol_included(store), rate=random_answer)
     recording(store, "sub-001", 1).unlink()
     result = avrgym("analyze", store.folder, "--json", tmp_path / "figures.json")
@@ -348,7 +355,7 @@ def test_the_command_writes_into_the_study_and_its_figures_to_a_file(store: Stor
     figures = json.loads((tmp_path / "figures.json").read_text())
     stored = json.loads((store.folder / "analysis" / "results.json").read_text())
     assert {name: stored[name] for name in figures} == figures
-    assert figures["format"] == study.RESULTS_FORMAT
+    assert figures["format"] == study_analysis.RESULTS_FORMAT
 
 
 def test_the_command_refuses_in_one_line(tmp_path: Path) -> None:

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from avrgym.analysis.study import StudyAnalysis, analyse_study
+from avrgym.analysis.study_analysis import StudyAnalysis, analyse_study
 from avrgym.cli.main import app
-from avrgym.study.people.participants import withdraw
+from avrgym.study.people.participants import withdraw_participant
 from avrgym.study.storage import database
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.browser.html_page import Page
 from helpers.studies.known_results import (
     STEPS,
@@ -32,7 +32,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', participants="2")
     for _ in range(2):
         assert CliRunner().invoke(app, ["study", "freeze", str(folder)]).exit_code == 0
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         for sex in ("man", "woman"):
             run_trials(store, enrol_included(store, sex, simulated=False))
     return folder
@@ -40,15 +40,15 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def analysed(folder: Path, out: Path) -> tuple[StudyAnalysis, str]:
     """The analysis, and the words of its page."""
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         analysis = analyse_study(store)
         return analysis, " ".join(Page(write_without_figures(analysis, folder, out)).text.split())
 
 
 def test_what_was_planned_is_confirmatory_and_nothing_deviates(folder: Path, tmp_path: Path) -> None:
     analysis, page = analysed(folder, tmp_path / "out")
-    assert analysis.frozen_plan is not None
-    assert analysis.frozen_plan.deviations == []
+    assert analysis.plan_with_deviations is not None
+    assert analysis.plan_with_deviations.deviations == []
     assert "Deviations None." in page
     assert page.count("Confirmatory results") == 1
     assert "H2: Participants rate L1, L2, L3, L4 higher with revised than with original." in page
@@ -77,29 +77,31 @@ def test_a_model_is_confirmatory_where_the_plan_names_it_and_no_deviation_where_
     kept += ["[[hypotheses]]", 'id = "H3"', 'text = "Odds."', 'measures = ["L1"]', f'tests = ["{family}"]']
     plan.write_text("\n".join(kept) + "\n")
     assert CliRunner().invoke(app, ["study", "freeze", str(folder)]).exit_code == 0
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         for sex in ("man", "woman"):
             run_trials(store, enrol_included(store, sex, simulated=False))
     analysis, page = analysed(folder, tmp_path / "out")
-    assert analysis.frozen_plan is not None
-    assert analysis.frozen_plan.deviations == []
-    labels = {(row.family, row.quantity): row.plan_status for row in analysis.models}
+    assert analysis.plan_with_deviations is not None
+    assert analysis.plan_with_deviations.deviations == []
+    labels = {(row.family, row.quantity): row.plan_status for row in analysis.model_effects}
     assert {each for each, label in labels.items() if label == "confirmatory"} == {(family, "L1")}
     assert set(labels.values()) == {"confirmatory", "exploratory"}
     assert f"H3: {family}" in page
-    assert {row.note for row in analysis.models if row.quantity == "L1"} == {"fewer than 4 participants"}
+    assert {row.note for row in analysis.model_effects if row.quantity == "L1"} == {
+        "fewer than 4 participants"
+    }
 
 
 @pytest.mark.slow
 def test_the_report_lists_the_deviations_that_the_check_lists(folder: Path, tmp_path: Path) -> None:
     design = folder / "study.toml"
     design.write_text(design.read_text().replace("blind_experimenter = false", "blind_experimenter = true"))
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         run_trials(store, enrol_included(store, simulated=False), held={2: STEPS})
-        withdraw(store, enrol_included(store, simulated=False))
+        withdraw_participant(store, enrol_included(store, simulated=False))
     analysis, page = analysed(folder, tmp_path / "out")
-    assert analysis.frozen_plan is not None
-    listed = [f"{each.where}: {each.message}" for each in analysis.frozen_plan.deviations]
+    assert analysis.plan_with_deviations is not None
+    listed = [f"{each.where}: {each.message}" for each in analysis.plan_with_deviations.deviations]
     assert len(listed) == 4
     for words, line in zip(
         (

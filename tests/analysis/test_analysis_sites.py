@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from avrgym.analysis.study import StudyAnalysis, analyse_study
+from avrgym.analysis.study_analysis import StudyAnalysis, analyse_study
 from avrgym.study.export import export_study
 from avrgym.study.storage import database
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.browser.html_page import Page
 from helpers.studies.known_results import enrol_included, run_trials, write_without_figures
 from helpers.studies.small_studies import small_study
@@ -25,7 +25,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, StudyAnalysis,
     folder = small_study(tmp_path_factory.mktemp("study"))
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
-        with Store(folder) as store:
+        with StudyStore(folder) as store:
             for site, people in SITES.items():
                 for _ in range(people):
                     run_trials(store, enrol_included(store, simulated=False, site=site))
@@ -38,7 +38,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, StudyAnalysis,
 @pytest.mark.slow
 def test_every_table_of_participants_says_where(made: tuple[Path, StudyAnalysis, Path]) -> None:
     folder, _, out = made
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         export_study(store, "csv", out / "export")
     for table in WITH_SITE:
         rows = pd.read_csv(out / "tables" / f"{table}.csv")
@@ -91,11 +91,11 @@ def test_the_report_describes_the_sites(made: tuple[Path, StudyAnalysis, Path]) 
 
 @pytest.mark.slow
 def test_a_study_without_sites_or_of_one_has_nothing_by_site(tmp_path: Path) -> None:
-    with Store(small_study(tmp_path / "study")) as store:
+    with StudyStore(small_study(tmp_path / "study")) as store:
         for site in ("", ""):
             run_trials(store, enrol_included(store, simulated=False, site=site))
         assert analyse_study(store).site_effects == []
         run_trials(store, enrol_included(store, site="atlanta"))
         found = analyse_study(store)
     assert found.site_outcomes == found.site_effects == []
-    assert "site_effects" not in {table.name for table in found.tables()}
+    assert "site_effects" not in {table.name for table in found.make_tables()}

@@ -13,20 +13,24 @@ import pytest
 from scipy import stats
 
 from avrgym.analysis.figures import draw_figures
-from avrgym.analysis.outcomes.outcomes import outcome_tests
-from avrgym.analysis.output import write_analysis
-from avrgym.analysis.plan import required_tests
+from avrgym.analysis.outcomes.condition_outcomes import list_outcome_tests
+from avrgym.analysis.output_files import write_analysis
+from avrgym.analysis.plan import list_required_tests
 from avrgym.analysis.statistics.comparisons import (
     PARTICIPANT_UNIT,
     Comparison,
     ResearchQuestion,
-    holm_corrected_family,
+    make_holm_corrected_family,
 )
-from avrgym.analysis.statistics.tests import clustered_wilson_interval, holm_correction, signed_rank_test
-from avrgym.analysis.study import StudyAnalysis, analyse_study
-from avrgym.study.people.participants import withdraw
-from avrgym.study.storage.store import Store
-from avrgym.vr.latency import STAGES, TOTAL_LATENCY_KEY
+from avrgym.analysis.statistics.rank_tests import (
+    apply_holm_correction,
+    compute_clustered_wilson_interval,
+    run_signed_rank_test,
+)
+from avrgym.analysis.study_analysis import StudyAnalysis, analyse_study
+from avrgym.study.people.participants import withdraw_participant
+from avrgym.study.storage.store import StudyStore
+from avrgym.vr.latency import LATENCY_STAGES, TOTAL_LATENCY_KEY
 from helpers.browser.html_page import Page
 from helpers.studies.known_results import ITEMS, enrol_included, interrupt_trial, latency_of, run_trials
 from helpers.studies.small_studies import small_study
@@ -36,15 +40,15 @@ Frame = Any  # a pandas data frame, whose types no checker follows
 
 
 @pytest.fixture(scope="module")
-def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
+def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StudyStore]:
     """People and simulated participants who finished, one who withdrew, and one who broke off an attempt."""
-    with Store(small_study(tmp_path_factory.mktemp("analysed"))) as opened:
+    with StudyStore(small_study(tmp_path_factory.mktemp("analysed"))) as opened:
         for number in range(PEOPLE + SIMULATED):
             simulated = number >= PEOPLE
             run_trials(opened, enrol_included(opened, "man" if number % 2 else "woman", simulated=simulated))
         gone = enrol_included(opened, simulated=False)
         run_trials(opened, gone, 3)
-        withdraw(opened, gone)
+        withdraw_participant(opened, gone)
         pausing = enrol_included(opened)
         run_trials(opened, pausing, 2)
         interrupt_trial(opened, pausing)
@@ -52,12 +56,12 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
 
 
 @pytest.fixture(scope="module")
-def analysis(store: Store) -> StudyAnalysis:
+def analysis(store: StudyStore) -> StudyAnalysis:
     return analyse_study(store)
 
 
 @pytest.fixture(scope="module")
-def out(store: Store, analysis: StudyAnalysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(store: StudyStore, analysis: StudyAnalysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("out")
     assert write_analysis(analysis, store.folder, folder) == folder / "report" / "index.html"
     return folder
@@ -119,7 +123,9 @@ def test_objective_measures_follow_from_the_trials(tables: dict[str, Frame]) -> 
         successes = int(own["success"].astype(bool).sum())
         assert (row.trials, row.successes) == (len(own), successes)
         clusters = [each["success"].astype(bool).tolist() for _, each in own.groupby("participant")]
-        assert (row.success_low, row.success_high) == pytest.approx(clustered_wilson_interval(clusters))
+        assert (row.success_low, row.success_high) == pytest.approx(
+            compute_clustered_wilson_interval(clusters)
+        )
         if row.task == "all":
             assert np.isnan(row.reward_mean)
             continue
@@ -209,7 +215,7 @@ def test_only_primary_results_have_stars(tables: dict[str, Frame]) -> None:
 
 
 def test_nothing_is_inferred_from_fewer_than_four_people(
-    store: Store, out: Path, tables: dict[str, Frame]
+    store: StudyStore, out: Path, tables: dict[str, Frame]
 ) -> None:
     for name in ("tests", "models"):
         own = only(tables[name], simulated=False)
@@ -231,7 +237,7 @@ def test_nothing_is_inferred_from_fewer_than_four_people(
 
 
 @pytest.mark.slow
-def test_figures_show_tests_by_participant_alone(store: Store) -> None:
+def test_figures_show_tests_by_participant_alone(store: StudyStore) -> None:
     """Fewer than four people took part: their figure shows no test."""
     analysis = analyse_study(store)
     people, simulated = (
@@ -266,15 +272,15 @@ def test_success_is_compared_with_the_middle_by_participant(tables: dict[str, Fr
 def test_families_are_corrected_by_holm(tables: dict[str, Frame]) -> None:
     for _, family in tables["tests"].groupby(["simulated", "family"]):
         given = [None if np.isnan(p) else p for p in family["p"]]
-        expected = [np.nan if p is None else p for p in holm_correction(given)]
+        expected = [np.nan if p is None else p for p in apply_holm_correction(given)]
         assert np.allclose(family["p_holm"], expected, equal_nan=True, atol=1e-15)
 
 
 def test_a_plan_may_name_the_tests_that_the_analysis_does_and_no_others(
-    store: Store, tables: dict[str, Frame]
+    store: StudyStore, tables: dict[str, Frame]
 ) -> None:
     done = tables["tests"].groupby("family", sort=False)["quantity"].unique()
-    offered = required_tests(store.design) | outcome_tests(store.design)
+    offered = list_required_tests(store.design) | list_outcome_tests(store.design)
     assert {test: set(measures) for test, measures in done.items()} == {
         test: set(measures) for test, measures in offered.items()
     }
@@ -290,14 +296,16 @@ def test_without_a_frozen_plan_nothing_is_called_planned(out: Path, tables: dict
 
 @pytest.mark.slow
 def test_a_family_that_is_added_appears_in_the_report(
-    store: Store, analysis: StudyAnalysis, tmp_path: Path
+    store: StudyStore, analysis: StudyAnalysis, tmp_path: Path
 ) -> None:
-    found = signed_rank_test([2.0, 3.0])
+    found = run_signed_rank_test([2.0, 3.0])
     hum = Comparison("hum_db", ("PR2", [3.0, 4.0]), ("Jaco", [1.0, 1.0]), found, 2)
-    added = holm_corrected_family(
+    added = make_holm_corrected_family(
         True, ResearchQuestion("noise", table_caption="How loud robots are"), PARTICIPANT_UNIT, [hum]
     )
-    report = write_analysis(replace(analysis, families=[*analysis.families, added]), store.folder, tmp_path)
+    report = write_analysis(
+        replace(analysis, test_families=[*analysis.test_families, added]), store.folder, tmp_path
+    )
     shown = report.read_text()
     assert "How loud robots are (simulated participants)" in shown
     assert "hum_db" in shown
@@ -345,7 +353,7 @@ def test_ranges_say_what_would_have_covered_the_participants(tables: dict[str, F
 
 
 def test_latency_follows_from_what_clients_told_in_counted_trials(
-    store: Store, out: Path, tables: dict[str, Frame]
+    store: StudyStore, out: Path, tables: dict[str, Frame]
 ) -> None:
     """Simulated participants have no latency; withdrawn participants are not counted."""
     rows, trials = tables["latency"], tables["trials"]
@@ -353,11 +361,11 @@ def test_latency_follows_from_what_clients_told_in_counted_trials(
     assert not rows.simulated.any()
     assert set(rows.participant.dropna()) == set(counted.participant)
     total = rows[rows.participant.isna() & (rows.stage == TOTAL_LATENCY_KEY)].iloc[0]
-    others = len(STAGES) - 1
+    others = len(LATENCY_STAGES) - 1
     waits = [
         others + wait
         for participant in counted.participant
-        for wait in latency_of(store.participant(participant)).draw_ms
+        for wait in latency_of(store.read_participant(participant)).draw_ms
     ]
     assert total.pictures == len(waits) == 3 * len(counted)
     assert (total.p50_ms, total.p95_ms) == pytest.approx(tuple(np.percentile(waits, [50, 95])))
@@ -380,7 +388,7 @@ def test_the_results_file_holds_the_tables(out: Path, tables: dict[str, Frame]) 
 # The page and the files
 
 
-def test_the_page_is_one_file_with_unique_ids_and_working_references(store: Store, out: Path) -> None:
+def test_the_page_is_one_file_with_unique_ids_and_working_references(store: StudyStore, out: Path) -> None:
     page = Page(out / "report" / "index.html")
     ids = page.attributes("id")
     assert len(set(ids)) == len(ids)
@@ -417,7 +425,7 @@ def test_figures_of_simulated_participants_say_so(out: Path, group: str) -> None
 
 
 @pytest.mark.slow
-def test_the_same_study_gives_the_same_bytes(store: Store, out: Path, tmp_path: Path) -> None:
+def test_the_same_study_gives_the_same_bytes(store: StudyStore, out: Path, tmp_path: Path) -> None:
     folder = out.parent / tmp_path.name
     write_analysis(analyse_study(store), store.folder, folder)
     files = [path.relative_to(out) for path in out.rglob("*") if path.is_file()]

@@ -13,20 +13,20 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from avrgym.analysis.designs import describe_by_design
-from avrgym.analysis.study import StudyAnalysis, analyse_study
+from avrgym.analysis.designs import describe_session_designs
+from avrgym.analysis.study_analysis import StudyAnalysis, analyse_study
 from avrgym.cli.main import app
 from avrgym.recording.schema import Answer
-from avrgym.study.design.comparison import value_text
+from avrgym.study.design.design_comparison import format_value
 from avrgym.study.people import participants
 from avrgym.study.storage import database, sessions
 from avrgym.study.storage.answers import record_trial_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
+from avrgym.study.storage.database_rows import Participant, Trial
 from avrgym.study.storage.item_versions import AnsweredItems
-from avrgym.study.storage.rows import Participant, Trial
-from avrgym.study.storage.session_designs import session_designs
+from avrgym.study.storage.session_designs import read_session_designs
 from avrgym.study.storage.sessions import close_session, open_session
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.browser.html_page import Page
 from helpers.studies.known_results import (
     ITEMS,
@@ -84,14 +84,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 def take_two(folder: Path) -> None:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         for sex in ("man", "woman"):
             run_trials(store, enrol_included(store, sex, simulated=False), rate=rate)
 
 
 @pytest.fixture(scope="module")
 def analysis(folder: Path) -> StudyAnalysis:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         return analyse_study(store)
 
 
@@ -155,9 +155,9 @@ def test_check_report_and_deviations_name_each_edit(folder: Path, analysis: Stud
         "furniture.seat_height_m": 0.4,
     }
     assert checked.exit_code == 1
-    assert analysis.frozen_plan is not None
+    assert analysis.plan_with_deviations is not None
     for field, value in fields.items():
-        words = f"it was {value_text(value)} for sub-003 (trials 1 to 5), sub-004 (trials 1 to 5)"
+        words = f"it was {format_value(value)} for sub-003 (trials 1 to 5), sub-004 (trials 1 to 5)"
         (line,) = [each for each in checked.stdout.splitlines() if f"study.toml: {field} is " in each]
         assert line.startswith("error")
         assert words in line
@@ -167,10 +167,10 @@ def test_check_report_and_deviations_name_each_edit(folder: Path, analysis: Stud
         assert page.index(field) < page.index("The plan was frozen")
         (told,) = [
             each.message
-            for each in analysis.frozen_plan.deviations
+            for each in analysis.plan_with_deviations.deviations
             if each.message.startswith(f"{field} was ")
         ]
-        assert f"and {value_text(value)} for sub-003" in told
+        assert f"and {format_value(value)} for sub-003" in told
     assert len(results["differences"]) == len(fields)
     assert page.index("Differences between participants") < page.index("People")
 
@@ -200,27 +200,29 @@ def test_practice_has_the_items_of_its_session_where_only_recordings_report_them
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]')
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         pseudonym = enrol_included(store, simulated=False)
         session = open_session(store, pseudonym)
-        for trial in store.remaining_trials(pseudonym):
+        for trial in store.read_remaining_trials(pseudonym):
             attempt = begin_attempt(store, session.id, trial.position)
-            participant = store.participant(pseudonym)
-            metrics = record_trial(store.absolute_path(attempt.recording), store.design, participant, trial)
+            participant = store.read_participant(pseudonym)
+            metrics = record_trial(store.resolve_path(attempt.recording), store.design, participant, trial)
             complete_attempt(store, attempt.id, metrics)
         close_session(store, session.id)
     edit(folder)
-    monkeypatch.setattr(Store, "stored_designs", lambda _: [])
-    with Store(folder) as store:
-        (use,) = session_designs(store)
+    monkeypatch.setattr(StudyStore, "read_stored_designs", lambda _: [])
+    with StudyStore(folder) as store:
+        (use,) = read_session_designs(store)
     assert use.trial_positions == (1, 2, 3, 4, 5)
     assert use.design.items_by_id["L1"].text == "The robot successfully assisted me with the task."
 
 
 def test_each_group_with_another_design_has_a_sentence_of_its_own(folder: Path) -> None:
-    with Store(folder) as store:
-        words = describe_by_design(
-            session_designs(store), store.design, lambda design: f"{design.furniture.seat_height_m:g} m high"
+    with StudyStore(folder) as store:
+        words = describe_session_designs(
+            read_session_designs(store),
+            store.design,
+            lambda design: f"{design.furniture.seat_height_m:g} m high",
         )
     assert re.search(r": 0\.485 m high\. For sub-003 .*: 0\.4 m high\.$", words)
 
@@ -230,7 +232,7 @@ def test_a_file_that_is_edited_later_changes_no_result(
 ) -> None:
     later = Path(shutil.copytree(folder, tmp_path / "study"))
     edit(later)
-    with Store(later) as store:
+    with StudyStore(later) as store:
         again = analyse_study(store)
     assert [row for row in again.answer_frequencies if row.count] == [
         row for row in analysis.answer_frequencies if row.count
@@ -264,15 +266,15 @@ def test_recordings_report_what_was_asked(
     for module in (sessions, participants):
         monkeypatch.setattr(module, "store_design", lambda *_: None)
     folder = make_study(tmp_path / "study", tasks='["Feeding"]')
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         take_part_with_items(store)
     if edited:
         edit(folder)
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         take_part_with_items(store)
         analysis = analyse_study(store)
         found = {each.message.partition(" is ")[0] for each in analysis.design_differences if each.is_error}
-        names = [version.item.id for version in AnsweredItems(store).versions]
+        names = [version.item.id for version in AnsweredItems(store).item_versions]
     assert found == (
         {
             "force_guard",
@@ -290,12 +292,12 @@ def test_recordings_report_what_was_asked(
     assert {row.count for row in analysis.answer_frequencies} >= {0}
 
 
-def take_part_with_items(store: Store) -> None:
-    participant = store.participant(enrol_included(store, "woman", simulated=False))
+def take_part_with_items(store: StudyStore) -> None:
+    participant = store.read_participant(enrol_included(store, "woman", simulated=False))
     session = open_session(store, participant.pseudonym)
-    for trial in store.remaining_trials(participant.pseudonym):
+    for trial in store.read_remaining_trials(participant.pseudonym):
         attempt = begin_attempt(store, session.id, trial.position)
-        metrics = record_trial(store.absolute_path(attempt.recording), store.design, participant, trial)
+        metrics = record_trial(store.resolve_path(attempt.recording), store.design, participant, trial)
         if not trial.practice:
             for item in ITEMS:
                 record_trial_answer(

@@ -17,23 +17,30 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from avrgym.analysis.answers.figures import (
-    mean_answer_figures,
-    session_answer_figures,
-    trial_answer_figures,
+    draw_mean_answer_figures,
+    draw_session_answer_figures,
+    draw_trial_answer_figures,
 )
-from avrgym.analysis.answers.session_answers import session_likert_rows, session_test_families
-from avrgym.analysis.answers.trial_answers import answer_summary_rows, answer_test_families, likert_rows
-from avrgym.analysis.biomechanics.biomechanics import body_trials_by_group
-from avrgym.analysis.biomechanics.figures import head_position_figure, torso_height_figure
-from avrgym.analysis.biomechanics.training_people import sample_training_people
-from avrgym.analysis.flow import ParticipantFlow, flow_chart
-from avrgym.analysis.outcomes.figures import reward_figure, success_figure
-from avrgym.analysis.outcomes.outcomes import ObjectiveOutcomeRow
-from avrgym.analysis.page.drawing import ReportFigure
-from avrgym.analysis.reading.rows import AnswerRow, TrialRow
+from avrgym.analysis.answers.session_answers import (
+    compute_session_test_families,
+    make_session_answer_frequency_rows,
+)
+from avrgym.analysis.answers.trial_answers import (
+    compute_answer_test_families,
+    make_answer_frequency_rows,
+    make_answer_summary_rows,
+)
+from avrgym.analysis.biomechanics.body_measures import group_posture_trials
+from avrgym.analysis.biomechanics.figures import draw_head_position_figure, draw_torso_height_figure
+from avrgym.analysis.biomechanics.training_populations import sample_training_populations
+from avrgym.analysis.outcomes.condition_outcomes import ObjectiveOutcomeRow
+from avrgym.analysis.outcomes.figures import draw_reward_figure, draw_success_figure
+from avrgym.analysis.page.report_figures import ReportFigure
+from avrgym.analysis.participant_flow import ParticipantFlow, draw_flow_chart
+from avrgym.analysis.reading.table_rows import AnswerRow, TrialRow
 from avrgym.questionnaires.questionnaire import QUESTION_MOMENTS, Item, Questionnaire
 from avrgym.questionnaires.registry import INSTRUMENTS
-from avrgym.study.design.design import Design, default_design_text, parse_design
+from avrgym.study.design.design import Design, parse_design, read_default_design_text
 
 PEOPLE = 8
 SLACK_PX = 1.0
@@ -67,10 +74,10 @@ def instrument_asked(name: str) -> Questionnaire:
         Item(
             item.id,
             item.text or "A statement that is as long as most of those that are in the source.",
-            instrument.response_scale.points,
+            instrument.response_scale.option_count,
             item.low_label or "not at all",
             item.high_label or "completely",
-            item.labels,
+            item.option_labels,
         )
         for item in instrument.items
     )
@@ -78,7 +85,7 @@ def instrument_asked(name: str) -> Questionnaire:
 
 
 def design_of(study: str) -> Design:
-    design = parse_design(default_design_text())
+    design = parse_design(read_default_design_text())
     if study == "many policies":
         policies = ("original", "revised", "adaptive", "mine/a-policy-with-a-long-name")
         robots = ("PR2", "Jaco", "Sawyer", "Baxter")
@@ -95,7 +102,7 @@ def answers_of(design: Design) -> Iterator[AnswerRow]:
     for questionnaire in design.questionnaires:
         trials = list(product(design.tasks[:2], design.robots, design.policies))
         for number, moment, item in product(range(PEOPLE), questionnaire.moments, questionnaire.items):
-            scale = questionnaire.scale_of(item)
+            scale = questionnaire.find_response_scale(item)
             for task, robot, policy in trials if moment == "after_trial" else [(None, None, None)]:
                 yield AnswerRow(
                     participant=f"sub-{number:03}",
@@ -110,10 +117,10 @@ def answers_of(design: Design) -> Iterator[AnswerRow]:
                     policy=policy,
                     attempt=None,
                     item=item.id,
-                    value=scale.scale_value(int(rng.integers(1, scale.points + 1))),
+                    value=scale.compute_option_value(int(rng.integers(1, scale.option_count + 1))),
                     minimum=scale.lowest_value,
                     maximum=scale.highest_value,
-                    points=scale.points,
+                    points=scale.option_count,
                     response_time_s=1.0,
                     respondent="participant",
                 )
@@ -121,12 +128,18 @@ def answers_of(design: Design) -> Iterator[AnswerRow]:
 
 def answer_drawings(design: Design) -> Iterator[ReportFigure]:
     answers = list(answers_of(design))
-    families = [*answer_test_families(design, answers), *session_test_families(design, answers)]
+    families = [
+        *compute_answer_test_families(design, answers),
+        *compute_session_test_families(design, answers),
+    ]
     tests = [row for family in families for row in family.rows]
-    likert = [*likert_rows(design, answers), *session_likert_rows(design, answers)]
-    yield from trial_answer_figures(design, True, likert, tests)
-    yield from session_answer_figures(design, True, likert, tests)
-    yield from mean_answer_figures(design, True, answer_summary_rows(design, answers), tests)
+    likert = [
+        *make_answer_frequency_rows(design, answers),
+        *make_session_answer_frequency_rows(design, answers),
+    ]
+    yield from draw_trial_answer_figures(design, True, likert, tests)
+    yield from draw_session_answer_figures(design, True, likert, tests)
+    yield from draw_mean_answer_figures(design, True, make_answer_summary_rows(design, answers), tests)
 
 
 def outcome(task: str, robot: str, policy: str) -> ObjectiveOutcomeRow:
@@ -141,8 +154,8 @@ def outcome(task: str, robot: str, policy: str) -> ObjectiveOutcomeRow:
 
 def objective_drawings(design: Design) -> Iterator[ReportFigure]:
     rows = [outcome(*each) for each in product(design.tasks, design.robots, design.policies)]
-    yield success_figure(design, True, rows)
-    yield reward_figure(design, True, rows)
+    yield draw_success_figure(design, True, rows)
+    yield draw_reward_figure(design, True, rows)
 
 
 def body_drawings(design: Design) -> Iterator[ReportFigure]:
@@ -157,24 +170,27 @@ def body_drawings(design: Design) -> Iterator[ReportFigure]:
         )
         for number, task in product(range(PEOPLE), design.tasks)
     ]  # fmt: skip
-    people = sample_training_people(design)
-    for group in body_trials_by_group(trials):
-        yield torso_height_figure(group, people)
-        yield head_position_figure(group, people)
+    people = sample_training_populations(design)
+    for group in group_posture_trials(trials):
+        yield draw_torso_height_figure(group, people)
+        yield draw_head_position_figure(group, people)
 
 
 def flow_drawings() -> Iterator[ReportFigure]:
     excluded = {"Do you have a cognitive or visual impairment that glasses do not correct? Yes": 2}
-    yield flow_chart(
+    yield draw_flow_chart(
         ParticipantFlow(
-            simulated=True, enrolled=20, deleted=1, without_consent=1, excluded=2, withdrew_before_allocation=1,
-            awaiting_allocation=1,
-            allocated=14, withdrew=2, unfinished=3, completed=9, analysed=11, participants_by_order={1: 14},
+            is_simulated=True, enrolled_participant_count=20, deleted_participant_count=1, without_consent_count=1,
+            excluded_participant_count=2, early_withdrawal_count=1,
+            awaiting_allocation_count=1,
+            allocated_participant_count=14, late_withdrawal_count=2, unfinished_participant_count=3,
+            completed_participant_count=9, analysed_participant_count=11, participants_by_order={1: 14},
             participants_by_consent_version={"1": 18},
-            first_session_day=None, last_session_day=None, analysed_unfinished=3, completed_without_data=1,
+            first_session_day=None, last_session_day=None, unfinished_analysed_participant_count=3,
+            completed_unanalysed_participant_count=1,
             exclusions_by_answer=excluded,
             early_withdrawals_by_reason={"no reason stored": 1},
-            withdrawals_by_reason={"felt sick in the headset": 2},
+            late_withdrawals_by_reason={"felt sick in the headset": 2},
         )
     )  # fmt: skip
 
@@ -302,6 +318,6 @@ def test_marks_of_episodes_of_another_length_are_named_so() -> None:
         replace(outcome(*each), simulation_note=note)
         for each in product(design.tasks, design.robots, design.policies)
     ]
-    drawing = success_figure(design, True, rows)
+    drawing = draw_success_figure(design, True, rows)
     assert f"simulation: {note}" in drawing.to_svg().decode()
     assert faults(drawing.figure) == []

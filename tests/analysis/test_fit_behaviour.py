@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from avrgym.analysis.fit_behaviour import fit_behaviour
-from avrgym.analysis.recorded_motion import MOTION_JOINTS, RecordedMotion
+from avrgym.analysis.recorded_motion import MOTION_JOINT_NAMES, RecordedMotion
 from avrgym.analysis.statistics.shrinkage import shrink_estimates
-from avrgym.models.human import JOINT_INDEX, SEATED, People, Person
+from avrgym.models.human import JOINT_INDEX, SEATED_POSTURE, People, Person
 from avrgym.models.scene import CONTROL_STEP_S, DEFAULT_SUBSTEPS
-from avrgym.people import motor
+from avrgym.people import motor_model
 from avrgym.people.zoo import partner_behaviour
-from avrgym.people.zoo.partners import BehaviourParameters, apply_partner_bodies, parameters_of
+from avrgym.people.zoo.partners import BehaviourParameters, apply_partner_bodies, make_behaviour_parameters
 
 PARTICIPANTS, TRIALS, STEPS = 4, 2, 80
 MOUTH_W, HEAD_W = np.array([0.0, -0.1, 1.2]), np.array([0.0, 0.0, 1.2])
-COLUMNS = [JOINT_INDEX[name] for name in MOTION_JOINTS]
+COLUMNS = [JOINT_INDEX[name] for name in MOTION_JOINT_NAMES]
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ def recorded(parameters: BehaviourParameters, rng: np.random.Generator) -> list[
     rows = np.repeat(np.arange(PARTICIPANTS), TRIALS)
     own, count = parameters.select_partners(rows), PARTICIPANTS * TRIALS
     people = apply_partner_bodies(People.from_persons([Person("man", 0.6)] * count), own)
-    state = partner_behaviour.initial_state(people, own, rng.random((count, 4)))
-    moved = partner_behaviour.initial_motor_state(state, people)
+    state = partner_behaviour.make_initial_state(people, own, rng.random((count, 4)))
+    moved = partner_behaviour.make_initial_motor_state(state, people)
     time_s = CONTROL_STEP_S * np.arange(STEPS)[:, None]
     distance_m = 0.3 + 0.26 * np.cos(2.0 * np.pi * time_s / 6.0 + rng.uniform(-0.5, 0.5, count))
     sideways_m = 0.25 * np.sin(2.0 * np.pi * time_s / 3.7 + rng.uniform(0.0, 6.0, count))
@@ -44,27 +44,27 @@ def recorded(parameters: BehaviourParameters, rng: np.random.Generator) -> list[
     arm_w, shown = np.zeros((count, 3, 3)), []
     for tool in tool_w:
         state, goals = partner_behaviour.choose_goal_angles(
-            replace(state, joint_targets_rad=moved.angles_rad),
+            replace(state, joint_targets_rad=moved.second_filter_angles_rad),
             Seen(tool, head_w, mouth_w, arm_w),
             "mouth",
-            SEATED,
+            SEATED_POSTURE,
         )
-        moved = motor.set_goal_angles(moved, goals, partner_behaviour.are_startled(state))
-        moved, targets = motor.next_joint_targets_rad(moved, DEFAULT_SUBSTEPS)
+        moved = motor_model.set_goal_angles(moved, goals, partner_behaviour.are_startled(state))
+        moved, targets = motor_model.advance_joint_targets_rad(moved, DEFAULT_SUBSTEPS)
         shown.append(targets[..., COLUMNS])
     angles = np.concatenate(shown)
     return [
         RecordedMotion(
             participant=f"sub-{rows[number]}",
             person=Person("man", 0.6),
-            offered_part="mouth",
-            posture=SEATED,
+            offered_body_part="mouth",
+            posture=SEATED_POSTURE,
             tool_pos_w=tool_w[:, number],
             head_pos_w=np.tile(head_w[number], (STEPS, 1)),
             mouth_pos_w=np.tile(mouth_w[number], (STEPS, 1)),
             right_arm_pos_w=np.zeros((STEPS, 3, 3)),
-            angles_rad=angles[:, number],
-            first_active_sample=0,
+            joint_angles_rad=angles[:, number],
+            first_robot_motion_sample=0,
         )
         for number in range(count)
     ]
@@ -89,12 +89,12 @@ def test_parameters_are_recovered_and_a_participant_who_never_starts_stays_so():
         "tremor_hz": scattered(6.0, 1.0),
     }
     values = [{name: float(each[row]) for name, each in true.items()} for row in range(PARTICIPANTS)]
-    fit = fit_behaviour(recorded(parameters_of(values), rng))
+    fit = fit_behaviour(recorded(make_behaviour_parameters(values), rng))
     for name, each in true.items():
-        error = fit.parameters[name].posterior_mean - each
+        error = fit.estimates_by_parameter[name].posterior_mean - each
         assert np.sqrt(np.mean(error**2)) < each.std(), name
-    assert fit.parameters["startle_deg"].posterior_mean.max() < 1.5
-    assert all(low >= 0.0 for one in fit.estimates() for low, _ in one.values())
+    assert fit.estimates_by_parameter["startle_deg"].posterior_mean.max() < 1.5
+    assert all(low >= 0.0 for one in fit.list_participant_estimates() for low, _ in one.values())
 
 
 def test_shrinkage_covers_the_parameters_of_a_group(rng: np.random.Generator):

@@ -5,12 +5,12 @@ import pytest
 from scipy import stats
 
 from avrgym.analysis.models.estimate import EffectEstimate, ModelFitError
-from avrgym.analysis.models.mixed import fit_mixed_model
-from avrgym.analysis.models.ordinal import (
-    KAUERMANN_CARROLL,
-    MANCL_DEROUEN,
-    UNCORRECTED,
-    clustered_covariance,
+from avrgym.analysis.models.mixed_models import fit_mixed_model
+from avrgym.analysis.models.ordinal_models import (
+    KAUERMANN_CARROLL_CORRECTION,
+    MANCL_DEROUEN_CORRECTION,
+    NO_LEVERAGE_CORRECTION,
+    compute_clustered_covariance,
     fit_ordinal_model,
 )
 from helpers.studies.published_data import RESPIRATION, SLEEP, WINE
@@ -45,7 +45,7 @@ def test_wine_is_modelled_as_by_ordinal() -> None:
     design = np.stack([bottle < 4, bottle % 4 < 2], axis=1) == 0
     found = fit_ordinal_model(WINE.ravel(), design.astype(float), np.repeat(np.arange(9), 8))
     assert found.coefficients == pytest.approx([2.503, 1.528], abs=6e-4)
-    assert found.thresholds == pytest.approx([-1.344, 1.251, 3.467, 5.006], abs=6e-4)
+    assert found.category_thresholds == pytest.approx([-1.344, 1.251, 3.467, 5.006], abs=6e-4)
 
 
 def test_respiration_is_modelled_as_by_gee() -> None:
@@ -56,7 +56,7 @@ def test_respiration_is_modelled_as_by_gee() -> None:
         for patient in RESPIRATION
     ]
     design, patients = np.repeat(np.array(known, float), 4, axis=0), np.repeat(np.arange(111), 4)
-    found = fit_ordinal_model(status.ravel(), design, patients, UNCORRECTED)
+    found = fit_ordinal_model(status.ravel(), design, patients, NO_LEVERAGE_CORRECTION)
     assert found.coefficients == pytest.approx(
         [0.67160098, 1.29921589, 0.11924365, 1.88202860, -0.01816588], abs=1e-6
     )
@@ -78,7 +78,7 @@ def test_corrected_covariances_are_those_of_their_definitions(rng: np.random.Gen
     bread = np.linalg.inv(design.T @ (spread[:, None] * design))
     scores = np.array([design[own].T @ residuals[own] for own in clusters])
     information = np.array([design[own].T @ (spread[own][:, None] * design[own]) for own in clusters])
-    for power in (UNCORRECTED, KAUERMANN_CARROLL, MANCL_DEROUEN):
+    for power in (NO_LEVERAGE_CORRECTION, KAUERMANN_CARROLL_CORRECTION, MANCL_DEROUEN_CORRECTION):
         meat = np.zeros((3, 3))
         for own in clusters:
             root = np.sqrt(spread[own])
@@ -88,7 +88,7 @@ def test_corrected_covariances_are_those_of_their_definitions(rng: np.random.Gen
             score = design[own].T @ larger
             meat += np.outer(score, score)
         expected = bread @ meat @ bread
-        assert clustered_covariance(scores, information, power) == pytest.approx(expected, rel=1e-9)
+        assert compute_clustered_covariance(scores, information, power) == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_order_of_answers_does_not_matter_to_their_size(rng: np.random.Generator) -> None:

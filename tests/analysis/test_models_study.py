@@ -16,21 +16,21 @@ from avrgym.analysis.models.effects import (
     POLICY_EFFECT,
     Effect,
     TrialValue,
-    effects_of_interest,
+    list_effects_of_interest,
 )
 from avrgym.analysis.models.estimate import ModelFitError
 from avrgym.analysis.models.fitting import LOGISTIC_MODEL, MIXED_MODEL, ORDINAL_MODEL, estimate_effects
-from avrgym.analysis.models.models import (
+from avrgym.analysis.models.regression_models import (
+    ModelEffectRow,
     ModelGroup,
-    ModelRow,
-    model_group_rows,
-    model_groups,
-    trial_positions,
+    find_trial_positions,
+    list_model_groups,
+    make_model_group_rows,
 )
-from avrgym.analysis.reading.rows import AttemptRow
-from avrgym.analysis.statistics.tests import holm_correction
+from avrgym.analysis.reading.table_rows import AttemptRow
+from avrgym.analysis.statistics.rank_tests import apply_holm_correction
 from avrgym.study.design.allocation import plan_trials
-from avrgym.study.design.design import Design, default_design_text, parse_design
+from avrgym.study.design.design import Design, parse_design, read_default_design_text
 from avrgym.tasks.registry import find_environment
 from helpers.studies.simulated_results import (
     simulated_answers,
@@ -39,20 +39,20 @@ from helpers.studies.simulated_results import (
     trial_values,
 )
 
-DESIGN = parse_design(default_design_text())
+DESIGN = parse_design(read_default_design_text())
 STUDIES = 60
 Imagine = Callable[[Design, int, int], list[TrialValue]]
 
 
 def with_only(**changes: str) -> Design:
-    text = default_design_text()
+    text = read_default_design_text()
     for name, value in changes.items():
         text = re.sub(rf"(?m)^{name} = .*$", f"{name} = {value}", text)
     return parse_design(text)
 
 
-def rows(model: str, observed: list[TrialValue], design: Design = DESIGN) -> list[ModelRow]:
-    return model_group_rows(
+def rows(model: str, observed: list[TrialValue], design: Design = DESIGN) -> list[ModelEffectRow]:
+    return make_model_group_rows(
         design, ModelGroup("models", {"value": model}, "trials"), False, {"value": observed}
     )
 
@@ -73,7 +73,7 @@ def test_a_course_is_told_from_the_trials_as_they_were_run() -> None:
         for trial in trials
     ]  # fmt: skip
     broken_off = replace(attempts[3], state="stopped")
-    found = trial_positions(DESIGN, [*attempts[:3], broken_off, *attempts[3:]])
+    found = find_trial_positions(DESIGN, [*attempts[:3], broken_off, *attempts[3:]])
     assert len(found) == 16
     by_block = Counter(round(3 * each.block_position) for each in found.values())
     assert by_block == dict.fromkeys(range(4), 4)
@@ -90,7 +90,7 @@ def test_a_course_is_told_from_the_trials_as_they_were_run() -> None:
 @pytest.mark.parametrize("kind", EFFECT_KINDS)
 def test_an_effect_is_found_where_it_is_and_nowhere_else(kind: str) -> None:
     """Rewards that follow one effect alone: its estimate is that effect, and all others are none."""
-    (wanted,) = (effect for effect in effects_of_interest(DESIGN) if effect.kind == kind)
+    (wanted,) = (effect for effect in list_effects_of_interest(DESIGN) if effect.kind == kind)
     plain = simulated_rewards(DESIGN, 12, 0)
     size = {
         POLICY_EFFECT: lambda each: each.policy == "revised",
@@ -103,10 +103,10 @@ def test_an_effect_is_found_where_it_is_and_nowhere_else(kind: str) -> None:
     }[kind]
     moved = [replace(each, value=each.value + 3.0 * size(each)) for each in plain]
     before, after = (
-        estimate_effects(DESIGN, MIXED_MODEL, plain, effects_of_interest(DESIGN)),
-        estimate_effects(DESIGN, MIXED_MODEL, moved, effects_of_interest(DESIGN)),
+        estimate_effects(DESIGN, MIXED_MODEL, plain, list_effects_of_interest(DESIGN)),
+        estimate_effects(DESIGN, MIXED_MODEL, moved, list_effects_of_interest(DESIGN)),
     )
-    for effect in effects_of_interest(DESIGN):
+    for effect in list_effects_of_interest(DESIGN):
         a, b = before[effect], after[effect]
         assert not isinstance(a, ModelFitError)
         assert not isinstance(b, ModelFitError)
@@ -152,7 +152,7 @@ def test_better_answers_and_successes_have_odds_ratios_above_one() -> None:
 def test_where_policies_do_not_differ_models_seldom_say_so(model: str, imagine: Imagine) -> None:
     """At 5 % more than 9 of 60 happen once in 2,000 times; uncorrected tests by trial find 30 %. `make soak` counts
     1,000 studies of each kind."""
-    (policies,) = (effect for effect in effects_of_interest(DESIGN) if effect.kind == POLICY_EFFECT)
+    (policies,) = (effect for effect in list_effects_of_interest(DESIGN) if effect.kind == POLICY_EFFECT)
     found = [
         estimate_effects(DESIGN, model, imagine(DESIGN, 8, 100 + n), [policies])[policies]
         for n in range(STUDIES)
@@ -237,12 +237,12 @@ def test_whatever_data_do_not_tell_is_a_sentence_and_no_number(
     for model, observed in kinds.items():
         given = shape(observed)
         found = rows(model, given, design)
-        assert len(found) == len(effects_of_interest(design))
+        assert len(found) == len(list_effects_of_interest(design))
         for row in found:
             check_row(row, given)
 
 
-def check_row(row: ModelRow, given: list[TrialValue]) -> None:
+def check_row(row: ModelEffectRow, given: list[TrialValue]) -> None:
     """Either a whole estimate that is reasonable, or none and a reason."""
     numbers = (row.estimate, row.error, row.df, row.low, row.high, row.p, row.p_holm)
     if row.estimate is None:
@@ -279,13 +279,15 @@ def test_effects_of_a_kind_are_corrected_together() -> None:
     found = rows(ORDINAL_MODEL, simulated_answers(design, 8, 0), design)
     own = [row for row in found if row.effect == POLICY_EFFECT]
     assert len(own) == 3
-    assert [row.p_holm for row in own] == holm_correction([row.p for row in own])
+    assert [row.p_holm for row in own] == apply_holm_correction([row.p for row in own])
 
 
 def test_long_scales_are_taken_for_numbers() -> None:
-    text = default_design_text().replace('id = "L2"', 'id = "L2"').replace("points = 7", "points = 101", 1)
-    (answers, _) = model_groups(parse_design(text))
-    assert answers.model_by_quantity == {
+    text = (
+        read_default_design_text().replace('id = "L2"', 'id = "L2"').replace("points = 7", "points = 101", 1)
+    )
+    (answers, _) = list_model_groups(parse_design(text))
+    assert answers.model_kind_by_quantity == {
         "L1": MIXED_MODEL,
         "L2": ORDINAL_MODEL,
         "L3": ORDINAL_MODEL,

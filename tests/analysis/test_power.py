@@ -11,26 +11,26 @@ import pytest
 from scipy import stats
 from typer.testing import CliRunner
 
-from avrgym.analysis.answers.trial_answers import answer_test_families
+from avrgym.analysis.answers.trial_answers import compute_answer_test_families
 from avrgym.analysis.models.effects import TrialValue
-from avrgym.analysis.power.power import (
+from avrgym.analysis.power.power_simulation import (
     PowerRow,
+    choose_default_sample_sizes,
+    compute_primary_p_values,
     count_significant_studies,
-    default_sample_sizes,
-    ordered_trial_values,
-    power_rows,
-    primary_p_values,
-    required_participants,
+    find_required_participants,
+    make_power_rows,
+    order_trial_values,
 )
 from avrgym.analysis.power.simulated_studies import PowerAssumptions, SimulatedStudies
-from avrgym.analysis.power.summary import describe_power, min_p_value
-from avrgym.analysis.primary import assign_result_roles
-from avrgym.analysis.reading.rows import AnswerRow
+from avrgym.analysis.power.summary import compute_min_p_value, describe_power
+from avrgym.analysis.primary_results import assign_result_roles
+from avrgym.analysis.reading.table_rows import AnswerRow
 from avrgym.analysis.statistics.comparisons import PARTICIPANT_UNIT
 from avrgym.cli.main import app
-from avrgym.study.design.design import Design, default_design_text, parse_design
+from avrgym.study.design.design import Design, parse_design, read_default_design_text
 
-DESIGN = parse_design(default_design_text())
+DESIGN = parse_design(read_default_design_text())
 NOISE_ONLY = PowerAssumptions(participant_sd=0, policy_sd=0, task_sd=0, noise_sd=1, drift=0, dropout=0)
 BETWEEN = f"policies, by {PARTICIPANT_UNIT}"
 SIMULATIONS = 1500
@@ -38,7 +38,7 @@ SIMULATIONS = 1500
 
 def one_pair(points: int) -> Design:
     """Each participant answers one item once with each of two policies."""
-    text = re.sub(r"(?m)^    \{ id = \"L[234]\".*\n", "", default_design_text())
+    text = re.sub(r"(?m)^    \{ id = \"L[234]\".*\n", "", read_default_design_text())
     text = text.replace("points = 7", f"points = {points}")
     text = re.sub(r"(?m)^tasks = .*$", 'tasks = ["Feeding"]', text)
     return parse_design(re.sub(r"(?m)^robots = .*$", 'robots = ["Jaco"]', text))
@@ -49,7 +49,7 @@ def simulated(design: Design, effect: float, participants: int, test: str) -> fl
     studies = SimulatedStudies(design, NOISE_ONLY, 5)
     none = np.zeros((participants, len(design.policies), 0))
     found = [
-        primary_p_values(
+        compute_primary_p_values(
             design, studies.questionnaire, studies.simulate_answers(effect, participants, number), none
         )
         for number in range(SIMULATIONS)
@@ -105,13 +105,13 @@ def test_imagined_answers_are_tested_as_the_analysis_tests_answers() -> None:
     ]
     found = {
         (row.family, row.quantity): (row.p, row.p_primary)
-        for family in assign_result_roles(answer_test_families(DESIGN, rows), [], None).families
+        for family in assign_result_roles(compute_answer_test_families(DESIGN, rows), [], None).families
         for row in family.rows
         if row.unit == PARTICIPANT_UNIT and row.group_a == "revised"
     }
     assert len(found) == 5
     none = np.zeros((7, 2, 0))
-    assert primary_p_values(DESIGN, studies.questionnaire, answers, none) == found
+    assert compute_primary_p_values(DESIGN, studies.questionnaire, answers, none) == found
     values = {(each.task, each.robot, each.policy): each.value for each in _observed(studies, 0.7, 3)}
     assert values == {
         (task, robot, policy): answers[3, t, r, p, 0]
@@ -124,7 +124,7 @@ def test_imagined_answers_are_tested_as_the_analysis_tests_answers() -> None:
 def _observed(studies: SimulatedStudies, effect: float, who: int) -> list[TrialValue]:
     """The trials of a participant of the first study of seven, as its model takes them."""
     answers = studies.simulate_answers(effect, 7, 0)[..., 0].astype(float)
-    trials = ordered_trial_values(studies.design, answers, studies.simulate_trial_orders(7, 0))
+    trials = order_trial_values(studies.design, answers, studies.simulate_trial_orders(7, 0))
     return [each for each in trials if each.participant == f"sub-{who + 1:03}"]
 
 
@@ -174,16 +174,17 @@ def test_drift_goes_with_the_place_in_the_session() -> None:
 def test_the_least_number_is_the_one_from_which_on_power_suffices() -> None:
     rows: list[PowerRow] = []
     for participants, hits in {4: 10, 8: 85, 12: 70, 16: 85, 20: 95}.items():
-        rows += power_rows([{("test", "L1"): (99, hits)}], 1.0, participants, 100)
+        rows += make_power_rows([{("test", "L1"): (99, hits)}], 1.0, participants, 100)
     assert [
-        required_participants(rows, 1.0, "test", "L1", target_power) for target_power in (0.6, 0.8, 0.9, 0.99)
+        find_required_participants(rows, 1.0, "test", "L1", target_power)
+        for target_power in (0.6, 0.8, 0.9, 0.99)
     ] == [
         8,
         16,
         20,
         None,
     ]
-    assert default_sample_sizes(DESIGN) == (4, 8, 12, 16, 20, 24, 32, 40, 48, 64)
+    assert choose_default_sample_sizes(DESIGN) == (4, 8, 12, 16, 20, 24, 32, 40, 48, 64)
 
 
 @pytest.mark.parametrize(
@@ -196,21 +197,21 @@ def test_the_least_number_is_the_one_from_which_on_power_suffices() -> None:
 )
 def test_words_say_what_so_few_can_show(participants: int, words: str) -> None:
     rows = [
-        *power_rows([{(BETWEEN, "L1"): (70, 20)}], 1.0, participants, 100),
-        *power_rows([{(BETWEEN, "L1"): (5, 1)}], 0.0, participants, 100),
+        *make_power_rows([{(BETWEEN, "L1"): (70, 20)}], 1.0, participants, 100),
+        *make_power_rows([{(BETWEEN, "L1"): (5, 1)}], 0.0, participants, 100),
     ]
     told = " ".join(describe_power(PowerAssumptions(), rows, participants))
     assert words in told
     assert "after correction in 20 % (13 to 29): power is below 50 %" in told
     assert "Without an effect, 'policies, by participant' is significant in 5 %" in told
-    assert min_p_value(8) == 2 / 2**8
+    assert compute_min_p_value(8) == 2 / 2**8
 
 
 @pytest.mark.slow
 def test_a_studys_power_on_the_command_line(tmp_path: Path) -> None:
     """Two processes give what one gives."""
     design = tmp_path / "study.toml"
-    design.write_text(default_design_text())
+    design.write_text(read_default_design_text())
     arguments = ["--effect", "2", "--participants", "4", "--simulations", "101", "--seed", "7", "--jobs", "2"]
     command = ["study", "power", str(tmp_path), *arguments, "--json", str(tmp_path / "power.json")]
     shown = CliRunner().invoke(app, command)
@@ -228,7 +229,7 @@ def test_a_studys_power_on_the_command_line(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_is_refused(tmp_path: Path) -> None:
-    text = default_design_text()
+    text = read_default_design_text()
     nothing = text[: text.index("\n[[questionnaires]]\n")] + text[text.index("\n[goals]\n") :]
     with pytest.raises(ValueError, match="no questionnaire after trials"):
         SimulatedStudies(parse_design(nothing), PowerAssumptions(), 0)

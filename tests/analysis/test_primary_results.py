@@ -7,29 +7,34 @@ from itertools import product
 import numpy as np
 import pytest
 
-from avrgym.analysis.models.effects import TrialValue, effects_of_interest
+from avrgym.analysis.models.effects import TrialValue, list_effects_of_interest
 from avrgym.analysis.models.estimate import EffectEstimate
 from avrgym.analysis.models.fitting import MIXED_MODEL, UNRELIABLE_P_NOTE, estimate_effects
-from avrgym.analysis.outcomes.outcomes import OBJECTIVE_QUESTION, mean_with_interval
-from avrgym.analysis.page.comparisons import hypothesis_test_table
-from avrgym.analysis.page.elements import p_text
+from avrgym.analysis.outcomes.condition_outcomes import OBJECTIVE_QUESTION, compute_mean_with_interval
+from avrgym.analysis.page.html_elements import format_p_value
+from avrgym.analysis.page.hypothesis_test_tables import render_hypothesis_test_table
 from avrgym.analysis.power.simulated_studies import PowerAssumptions, SimulatedStudies
-from avrgym.analysis.primary import assign_result_roles
+from avrgym.analysis.primary_results import assign_result_roles
 from avrgym.analysis.statistics.comparisons import (
     PARTICIPANT_UNIT,
     TRIAL_UNIT,
     Comparison,
     ComparisonRow,
     ResearchQuestion,
-    holm_corrected_family,
+    make_holm_corrected_family,
 )
-from avrgym.analysis.statistics.sign_flips import sign_flip_p_values
-from avrgym.analysis.statistics.tests import holm_correction, rank_sum_test, signed_rank_test, t_interval
-from avrgym.study.design.design import default_design_text, parse_design
-from avrgym.study.plan.plan import ExclusionRules, Hypothesis, Plan
+from avrgym.analysis.statistics.rank_tests import (
+    apply_holm_correction,
+    compute_t_interval,
+    run_rank_sum_test,
+    run_signed_rank_test,
+)
+from avrgym.analysis.statistics.sign_flips import compute_sign_flip_p_values
+from avrgym.study.design.design import parse_design, read_default_design_text
+from avrgym.study.plan.analysis_plan import AnalysisPlan, ExclusionRules, Hypothesis
 from inference import any_star, imagined
 
-DESIGN = parse_design(default_design_text())
+DESIGN = parse_design(read_default_design_text())
 STUDIES = SimulatedStudies(DESIGN, PowerAssumptions(), 3)
 
 
@@ -37,9 +42,9 @@ def rows(effect: float = 0.7, people: int = 8, number: int = 0) -> list[Comparis
     return imagined(DESIGN, STUDIES, effect, people, number)
 
 
-def planned(*tests: str) -> Plan:
+def planned(*tests: str) -> AnalysisPlan:
     hypothesis = Hypothesis("H1", "Better.", ("L1",), tests)
-    return Plan(participants=8, exclusion=ExclusionRules(0.5), hypotheses=(hypothesis,))
+    return AnalysisPlan(participants=8, exclusion=ExclusionRules(0.5), hypotheses=(hypothesis,))
 
 
 # Roles
@@ -57,18 +62,18 @@ def test_each_question_has_one_primary_result() -> None:
 
 
 def test_tables_show_the_correction_over_primary_results_next_to_holms() -> None:
-    own = [each for each in rows() if each.family == OBJECTIVE_QUESTION.family_name(PARTICIPANT_UNIT)]
-    shown = hypothesis_test_table("Tests", own, simulated=False)
+    own = [each for each in rows() if each.family == OBJECTIVE_QUESTION.make_family_name(PARTICIPANT_UNIT)]
+    shown = render_hypothesis_test_table("Tests", own, simulated=False)
     heads = re.findall("<th[^>]*>([^<]*)</th>", shown)
     cells = re.findall("<td[^>]*>([^<]*)</td>", shown)
     table = [
         dict(zip(heads, cells[at : at + len(heads)], strict=True)) for at in range(0, len(cells), len(heads))
     ]
     assert [(row["p, Holm"], row["p, corrected"]) for row in table] == [
-        (p_text(each.p_holm), p_text(each.p_primary)) for each in own
+        (format_p_value(each.p_holm), format_p_value(each.p_primary)) for each in own
     ]
     others = [replace(each, role="secondary", p_primary=None) for each in own]
-    assert "p, corrected" not in hypothesis_test_table("Tests", others, simulated=False)
+    assert "p, corrected" not in render_hypothesis_test_table("Tests", others, simulated=False)
 
 
 @pytest.mark.parametrize("unit", [TRIAL_UNIT, PARTICIPANT_UNIT])
@@ -76,7 +81,7 @@ def test_with_a_plan_its_hypotheses_are_primary_each_participant_one_value(unit:
     found = {"L1": [1.0, 2.0, 3.0, 4.0], "L2": [1.0, -2.0, 3.0, 4.0]}
     question = ResearchQuestion("policies", "tests", is_primary=True)
     families = [
-        holm_corrected_family(
+        make_holm_corrected_family(
             False, question, each, [_paired(name, values) for name, values in found.items()]
         )
         for each in (TRIAL_UNIT, PARTICIPANT_UNIT)
@@ -97,7 +102,7 @@ def _paired(quantity: str, values: list[float]) -> Comparison:
         quantity,
         ("b", values),
         ("a", [0.0] * len(values)),
-        signed_rank_test(values),
+        run_signed_rank_test(values),
         len(values),
         differences,
     )
@@ -109,10 +114,12 @@ def test_unpaired_tests_of_a_plan_are_corrected_by_holm_beside_the_paired_ones()
         ResearchQuestion("heights", "t", is_primary=True),
     )
     values, taller = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], ([7.0, 8.0, 9.0, 9.5], [1.0, 2.0, 3.0, 4.0, 5.0])
-    height = Comparison("h", ("participants", taller[0]), ("others", taller[1]), rank_sum_test(*taller), 4)
+    height = Comparison(
+        "h", ("participants", taller[0]), ("others", taller[1]), run_rank_sum_test(*taller), 4
+    )
     families = [
-        holm_corrected_family(False, paired, PARTICIPANT_UNIT, [_paired("L1", values)]),
-        holm_corrected_family(False, unpaired, PARTICIPANT_UNIT, [height]),
+        make_holm_corrected_family(False, paired, PARTICIPANT_UNIT, [_paired("L1", values)]),
+        make_holm_corrected_family(False, unpaired, PARTICIPANT_UNIT, [height]),
     ]
     first, second = (family.rows[0] for family in assign_result_roles(families, [], None).families)
     assert (first.p, second.p) == (2 / 2**6, pytest.approx(2 / 126))
@@ -121,7 +128,7 @@ def test_unpaired_tests_of_a_plan_are_corrected_by_holm_beside_the_paired_ones()
 
 
 def test_objective_measures_are_primary_where_policies_are_compared() -> None:
-    own = [each for each in rows() if each.family == OBJECTIVE_QUESTION.family_name(PARTICIPANT_UNIT)]
+    own = [each for each in rows() if each.family == OBJECTIVE_QUESTION.make_family_name(PARTICIPANT_UNIT)]
     assert [each.quantity for each in own] == ["success", "reward", "force_mean_n"]
     assert {each.role for each in own} == {"primary"}
 
@@ -135,13 +142,13 @@ def test_the_joint_correction_is_that_of_all_choices_of_signs(people: int, rng: 
     given = rng.integers(-3, 4, (5, people)).astype(float)
     given[2] = given[1]
     own = [{str(person): value for person, value in enumerate(test)} for test in given.tolist()]
-    plain = [signed_rank_test(test).p for test in given]
-    found = sign_flip_p_values(own)
-    for p, least, most in zip(found, plain, holm_correction(plain), strict=True):
+    plain = [run_signed_rank_test(test).p for test in given]
+    found = compute_sign_flip_p_values(own)
+    for p, least, most in zip(found, plain, apply_holm_correction(plain), strict=True):
         assert (p is None) == (least is None)
         if p is not None and least is not None and most is not None:
             assert least - 1e-12 <= p <= most + 1e-12
-    (alone,) = sign_flip_p_values(own[:1])
+    (alone,) = compute_sign_flip_p_values(own[:1])
     assert alone == pytest.approx(plain[0])
     strongest = min(range(5), key=lambda place: found[place] or 2.0)
     flips = np.array(list(product([-1.0, 1.0], repeat=people)))
@@ -161,16 +168,20 @@ def _standardised(test: np.ndarray, flips: np.ndarray) -> np.ndarray:
 def test_a_test_that_some_participants_lack_is_corrected_with_the_others() -> None:
     whole = {str(person): float(person + 1) for person in range(8)}
     part = {person: value for person, value in whole.items() if person not in "07"}
-    assert sign_flip_p_values([whole, part, {}]) == [pytest.approx(2 / 2**8), pytest.approx(2 / 2**6), None]
+    assert compute_sign_flip_p_values([whole, part, {}]) == [
+        pytest.approx(2 / 2**8),
+        pytest.approx(2 / 2**6),
+        None,
+    ]
 
 
 def test_many_participants_are_corrected_by_drawn_signs_always_alike() -> None:
     own = [{str(person): float(np.sin(test + person)) + 0.3 for person in range(30)} for test in range(3)]
-    first, second = sign_flip_p_values(own), sign_flip_p_values(own)
+    first, second = compute_sign_flip_p_values(own), compute_sign_flip_p_values(own)
     assert first == second
     for p, test in zip(first, own, strict=True):
         assert p is not None
-        assert p >= 0.5 * (signed_rank_test(list(test.values())).p or 0.0)
+        assert p >= 0.5 * (run_signed_rank_test(list(test.values())).p or 0.0)
 
 
 @pytest.mark.parametrize(
@@ -196,7 +207,7 @@ def test_fewer_than_four_participants_are_described_and_not_tested(people: int) 
     assert not any(each.stars or each.method or each.effect_low is not None for each in tests)
     assert {each.note for each in tests} <= {"fewer than 4 participants", "all differences are zero"}
     assert any(each.effect is not None for each in tests)
-    page = hypothesis_test_table("Tests", tests, simulated=True)
+    page = render_hypothesis_test_table("Tests", tests, simulated=True)
     assert "0.0" not in "".join(part.partition("</td>")[0] for part in page.split("<td>")[4:8])
 
 
@@ -226,10 +237,10 @@ def test_the_papers_tests_by_trial_have_the_same_numbers() -> None:
 
 
 def test_equal_values_have_no_interval() -> None:
-    assert t_interval(5.0, 0.0, 8) == (None, None)
+    assert compute_t_interval(5.0, 0.0, 8) == (None, None)
     for value in (5.0, 0.1, -1e9, 1 / 3):
-        assert mean_with_interval([value] * 8) == (pytest.approx(value), None, None)
-    _, low, high = mean_with_interval([5.0, 5.1])
+        assert compute_mean_with_interval([value] * 8) == (pytest.approx(value), None, None)
+    _, low, high = compute_mean_with_interval([5.0, 5.1])
     assert low is not None
     assert high is not None
     assert low < high
@@ -241,13 +252,13 @@ def test_effect_sizes_have_an_interval_of_some_width_everywhere(
 ) -> None:
     """With every difference above zero, too: Fisher's z would be from 1 to 1."""
     for differences in (np.arange(1.0, people + 1), np.ones(people), rng.normal(0.3, 1.0, people)):
-        found = signed_rank_test(differences)
+        found = run_signed_rank_test(differences)
         assert found.effect_size is not None
         assert found.effect_size_low is not None
         assert found.effect_size_high is not None
         assert -1.0 <= found.effect_size_low <= found.effect_size <= found.effect_size_high <= 1.0
         assert found.effect_size_high - found.effect_size_low > 0.1
-    apart = rank_sum_test(np.arange(people), np.arange(100) + 200.0)
+    apart = run_rank_sum_test(np.arange(people), np.arange(100) + 200.0)
     assert apart.effect_size == -1.0
     assert apart.effect_size_high is not None
     assert -1.0 < apart.effect_size_high < 0.9
@@ -255,8 +266,8 @@ def test_effect_sizes_have_an_interval_of_some_width_everywhere(
 
 @pytest.mark.parametrize("shift", [0.0, 0.8, 1.5])
 def test_the_interval_of_an_effect_covers_it(shift: float, rng: np.random.Generator) -> None:
-    truth = signed_rank_test(rng.normal(shift, 1.0, 20_000)).effect_size
-    found = [signed_rank_test(rng.normal(shift, 1.0, 8)) for _ in range(600)]
+    truth = run_signed_rank_test(rng.normal(shift, 1.0, 20_000)).effect_size
+    found = [run_signed_rank_test(rng.normal(shift, 1.0, 8)) for _ in range(600)]
     covered = [
         (each.effect_size_low or -1.0) <= (truth or 0.0) <= (each.effect_size_high or 1.0) for each in found
     ]
@@ -280,7 +291,7 @@ def test_an_effect_without_a_variance_of_its_own_is_said_to_be_unreliable() -> N
         for policy, side in zip(DESIGN.policies, (sign, -sign), strict=True):
             value = side + 0.3 * rng.normal()
             seen.append(TrialValue(f"sub-{person:03}", task, robot, policy, 0.5, 0.5, None, value))
-    found = estimate_effects(DESIGN, MIXED_MODEL, seen, effects_of_interest(DESIGN))
+    found = estimate_effects(DESIGN, MIXED_MODEL, seen, list_effects_of_interest(DESIGN))
     notes = {effect.kind: each.note for effect, each in found.items() if isinstance(each, EffectEstimate)}
     assert notes["policies"].startswith("singular: random effect at zero: ")
     assert "participant by policy" in notes["policies"]
@@ -292,7 +303,7 @@ def test_an_effect_without_a_variance_of_its_own_is_said_to_be_unreliable() -> N
         )
         for each in seen
     ]
-    found = estimate_effects(DESIGN, MIXED_MODEL, differing, effects_of_interest(DESIGN))
+    found = estimate_effects(DESIGN, MIXED_MODEL, differing, list_effects_of_interest(DESIGN))
     (policies,) = (each for effect, each in found.items() if effect.kind == "policies")
     assert isinstance(policies, EffectEstimate)
     assert UNRELIABLE_P_NOTE not in policies.note

@@ -13,22 +13,27 @@ import msgspec
 import pandas as pd
 import pytest
 
-from avrgym.analysis.biomechanics.training_people import PEOPLE_PER_TASK
+from avrgym.analysis.biomechanics.training_populations import SAMPLED_PEOPLE_PER_TASK
 from avrgym.analysis.figures import draw_figures
-from avrgym.analysis.flow import ParticipantFlow, flow_chart, flow_steps
-from avrgym.analysis.output import write_analysis
-from avrgym.analysis.page.comparisons import sample_size_text
-from avrgym.analysis.page.drawing import ReportFigure
-from avrgym.analysis.publication.checklist import checklist_fields
-from avrgym.analysis.publication.methods import flow_for_publication, methods_sections
-from avrgym.analysis.publication.tables import latex_table, publication_tables
-from avrgym.analysis.reading.rows import DataProblemRow
+from avrgym.analysis.output_files import write_analysis
+from avrgym.analysis.page.hypothesis_test_tables import format_sample_size
+from avrgym.analysis.page.report_figures import ReportFigure
+from avrgym.analysis.participant_flow import ParticipantFlow, draw_flow_chart, make_flow_steps
+from avrgym.analysis.publication.checklist import make_checklist_fields
+from avrgym.analysis.publication.methods import make_methods_sections, select_publication_flow
+from avrgym.analysis.publication.publication_tables import format_latex_table, make_publication_tables
+from avrgym.analysis.reading.table_rows import DataProblemRow
 from avrgym.analysis.report import write_report
 from avrgym.analysis.statistics.comparisons import PARTICIPANT_UNIT
-from avrgym.analysis.study import StudyAnalysis, analyse_study
-from avrgym.study.people.deletion import delete_participant
-from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion, withdraw
-from avrgym.study.storage.store import Store
+from avrgym.analysis.study_analysis import StudyAnalysis, analyse_study
+from avrgym.study.people.participant_deletion import delete_participant
+from avrgym.study.people.participants import (
+    enrol_participant,
+    record_consent,
+    record_inclusion_answers,
+    withdraw_participant,
+)
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.known_results import enrol_included, run_trials, write_without_figures
 from helpers.studies.small_studies import eligible_answers, small_study
 
@@ -36,17 +41,17 @@ PEOPLE = 5
 
 
 @pytest.fixture(scope="module")
-def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
+def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StudyStore]:
     """Five people who finished; one who withdrew, one excluded, one without consent, one deleted; a simulated one."""
-    with Store(small_study(tmp_path_factory.mktemp("reported"))) as opened:
+    with StudyStore(small_study(tmp_path_factory.mktemp("reported"))) as opened:
         for number in range(PEOPLE):
             run_trials(opened, enrol_included(opened, "man" if number % 2 else "woman", simulated=False))
         gone = enrol_included(opened, simulated=False)
         run_trials(opened, gone, 2)
-        withdraw(opened, gone, "felt sick")
+        withdraw_participant(opened, gone, "felt sick")
         excluded = enrol_participant(opened, "man", age_years=30)
         record_consent(opened, excluded)
-        record_inclusion(
+        record_inclusion_answers(
             opened, excluded, {name: not fits for name, fits in eligible_answers(opened).items()}
         )
         enrol_participant(opened, "man", age_years=None)
@@ -57,12 +62,12 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
 
 
 @pytest.fixture(scope="module")
-def analysis(store: Store) -> StudyAnalysis:
+def analysis(store: StudyStore) -> StudyAnalysis:
     return analyse_study(store)
 
 
 @pytest.fixture(scope="module")
-def out(store: Store, analysis: StudyAnalysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(store: StudyStore, analysis: StudyAnalysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("out")
     write_without_figures(analysis, store.folder, folder)
     return folder
@@ -76,42 +81,47 @@ def words_of(drawing: ReportFigure) -> str:
 
 
 def test_everybody_is_somewhere_in_the_flow(analysis: StudyAnalysis) -> None:
-    people, simulated = analysis.flows
-    assert (people.simulated, simulated.simulated) == (False, True)
-    for flow in analysis.flows:
+    people, simulated = analysis.participant_flows
+    assert (people.is_simulated, simulated.is_simulated) == (False, True)
+    for flow in analysis.participant_flows:
         left = (
-            flow.deleted
-            + flow.without_consent
-            + flow.excluded
-            + flow.withdrew_before_allocation
-            + flow.awaiting_allocation
+            flow.deleted_participant_count
+            + flow.without_consent_count
+            + flow.excluded_participant_count
+            + flow.early_withdrawal_count
+            + flow.awaiting_allocation_count
         )
-        assert flow.enrolled == left + flow.allocated
-        assert flow.allocated == flow.withdrew + flow.unfinished + flow.completed
-        assert sum(flow.participants_by_order.values()) == flow.allocated
+        assert flow.enrolled_participant_count == left + flow.allocated_participant_count
+        assert (
+            flow.allocated_participant_count
+            == flow.late_withdrawal_count
+            + flow.unfinished_participant_count
+            + flow.completed_participant_count
+        )
+        assert sum(flow.participants_by_order.values()) == flow.allocated_participant_count
     seen = (
-        people.enrolled,
-        people.deleted,
-        people.without_consent,
-        people.excluded,
-        people.withdrew,
-        people.analysed,
+        people.enrolled_participant_count,
+        people.deleted_participant_count,
+        people.without_consent_count,
+        people.excluded_participant_count,
+        people.late_withdrawal_count,
+        people.analysed_participant_count,
     )
     assert seen == (9, 1, 1, 1, 1, PEOPLE)
     assert people.participants_by_consent_version == {"1": PEOPLE + 2}
-    assert simulated.enrolled == simulated.completed == 1
+    assert simulated.enrolled_participant_count == simulated.completed_participant_count == 1
 
 
 def test_the_chart_shows_each_step_and_who_left(analysis: StudyAnalysis, out: Path) -> None:
     for name in ("people", "simulated"):
         ET.fromstring((out / "reporting" / f"flow-{name}.svg").read_text())
-    shown = words_of(flow_chart(analysis.flows[0]))
-    for words, left in flow_steps(analysis.flows[0]):
+    shown = words_of(draw_flow_chart(analysis.participant_flows[0]))
+    for words, left in make_flow_steps(analysis.participant_flows[0]):
         assert words in shown
         assert all(each in shown for each in left)
     assert "1 excluded by the inclusion questions" in shown
     assert "SIMULATED" not in shown
-    assert "SIMULATED PARTICIPANTS" in words_of(flow_chart(analysis.flows[1]))
+    assert "SIMULATED PARTICIPANTS" in words_of(draw_flow_chart(analysis.participant_flows[1]))
     for name in ("people", "simulated"):
         assert (out / "reporting" / f"flow-{name}.pdf").read_bytes().startswith(b"%PDF")
 
@@ -121,7 +131,7 @@ def test_the_chart_shows_each_step_and_who_left(analysis: StudyAnalysis, out: Pa
 
 def test_the_methods_say_what_is_known_and_what_is_missing(analysis: StudyAnalysis, out: Path) -> None:
     text = (out / "reporting" / "methods.md").read_text()
-    enrolled, _, _, analysed = flow_steps(analysis.flows[0])
+    enrolled, _, _, analysed = make_flow_steps(analysis.participant_flows[0])
     assert f"9 participants enrolled (left: {', '.join(enrolled[1])})." in text
     assert "6 received an order of trials (left: 1 withdrew (felt sick: 1))." in text
     assert f"5 completed the study. {analysed[0]}." in text
@@ -140,10 +150,10 @@ def test_the_methods_say_what_is_known_and_what_is_missing(analysis: StudyAnalys
 def test_what_is_given_is_no_longer_missing(analysis: StudyAnalysis) -> None:
     given = msgspec.structs.replace(analysis.design.reporting, ethics_approval="Board 7, H19212")
     told = replace(analysis, design=msgspec.structs.replace(analysis.design, reporting=given))
-    flow = flow_for_publication(told)
+    flow = select_publication_flow(told)
     assert flow is not None
-    assert "Ethics approval: Board 7, H19212" in methods_sections(told, flow)["Participants"]
-    (ethics,) = (each for each in checklist_fields(told, flow) if each.field == "Ethics approval")
+    assert "Ethics approval: Board 7, H19212" in make_methods_sections(told, flow)["Participants"]
+    (ethics,) = (each for each in make_checklist_fields(told, flow) if each.field == "Ethics approval")
     assert ethics.value == "Board 7, H19212"
 
 
@@ -168,7 +178,7 @@ def test_the_list_of_fields_shows_in_red_what_is_missing(analysis: StudyAnalysis
 
 @pytest.mark.slow
 def test_a_dry_run_is_called_simulated_everywhere(tmp_path: Path) -> None:
-    with Store(small_study(tmp_path / "dry")) as store:
+    with StudyStore(small_study(tmp_path / "dry")) as store:
         run_trials(store, enrol_included(store, simulated=True))
         write_analysis(analyse_study(store), store.folder, tmp_path / "out")
     folder = tmp_path / "out" / "reporting"
@@ -182,7 +192,7 @@ def test_a_dry_run_is_called_simulated_everywhere(tmp_path: Path) -> None:
 
 
 def test_a_study_with_nobody_in_it_has_a_codebook_and_says_so(tmp_path: Path) -> None:
-    with Store(small_study(tmp_path / "empty")) as store:
+    with StudyStore(small_study(tmp_path / "empty")) as store:
         write_analysis(analyse_study(store), store.folder, tmp_path / "out")
     folder = tmp_path / "out" / "reporting"
     assert {path.name for path in folder.iterdir()} == {"index.html", "codebook.csv", "schema.json"}
@@ -193,7 +203,9 @@ def test_a_study_with_nobody_in_it_has_a_codebook_and_says_so(tmp_path: Path) ->
 
 
 def test_latex_escapes_what_it_would_run() -> None:
-    text = latex_table("50 % & more", ("a_b", "n"), [(r"\input{x}", "−1 × 2"), ("#", "<3>")], numbers=(1,))
+    text = format_latex_table(
+        "50 % & more", ("a_b", "n"), [(r"\input{x}", "−1 × 2"), ("#", "<3>")], numbers=(1,)
+    )
     assert r"\caption{50 \% \& more}" in text
     assert r"a\_b & n \\" in text
     assert r"\textbackslash{}input\{x\} & $-$1 $\times$ 2 \\" in text
@@ -245,13 +257,15 @@ def test_the_data_package_describes_the_files_beside_it(out: Path) -> None:
 
 def test_a_flow_without_anybody_leaving_tells_of_nobody() -> None:
     flow = ParticipantFlow(
-        simulated=False, enrolled=2, deleted=0, without_consent=0, excluded=0, withdrew_before_allocation=0,
-        awaiting_allocation=0, allocated=2,
-        withdrew=0, unfinished=0, completed=2, analysed=2, participants_by_order={1: 2},
+        is_simulated=False, enrolled_participant_count=2, deleted_participant_count=0, without_consent_count=0,
+        excluded_participant_count=0, early_withdrawal_count=0,
+        awaiting_allocation_count=0, allocated_participant_count=2,
+        late_withdrawal_count=0, unfinished_participant_count=0, completed_participant_count=2,
+        analysed_participant_count=2, participants_by_order={1: 2},
         participants_by_consent_version={"1": 2},
         first_session_day=None, last_session_day=None,
     )  # fmt: skip
-    assert [left for _, left in flow_steps(flow)] == [[], [], [], []]
+    assert [left for _, left in make_flow_steps(flow)] == [[], [], [], []]
 
 
 # Who is in the analysis
@@ -260,24 +274,28 @@ def test_a_flow_without_anybody_leaving_tells_of_nobody() -> None:
 @pytest.mark.slow
 def test_the_flow_names_why_people_left_and_who_is_analysed(tmp_path: Path) -> None:
     """One finished, one has a trial left, one left in the first; one was too young, and one changed their mind."""
-    with Store(small_study(tmp_path)) as store:
+    with StudyStore(small_study(tmp_path)) as store:
         run_trials(store, enrol_included(store, "man", simulated=False))
         run_trials(store, enrol_included(store, "woman", simulated=False), 3)
         enrol_included(store, "woman", simulated=False)
         young = enrol_participant(store, "woman", age_years=17)
         record_consent(store, young)
-        record_inclusion(store, young, eligible_answers(store) | {"adult": False})
-        withdraw(store, enrol_participant(store, "man", age_years=70), "no time")
+        record_inclusion_answers(store, young, eligible_answers(store) | {"adult": False})
+        withdraw_participant(store, enrol_participant(store, "man", age_years=70), "no time")
         found = analyse_study(store)
-    (flow,) = found.flows
+    (flow,) = found.participant_flows
     assert flow.exclusions_by_answer == {"Are you 18 years old or older? No": 1}
-    assert (flow.early_withdrawals_by_reason, flow.withdrawals_by_reason) == ({"no time": 1}, {})
-    assert (flow.completed, flow.analysed, flow.analysed_unfinished) == (1, 2, 1)
-    assert flow_steps(flow)[-1] == ("In the analysis: 2, of them 1 not finished yet", [])
-    about = " ".join(methods_sections(found, flow)["Participants"])
+    assert (flow.early_withdrawals_by_reason, flow.late_withdrawals_by_reason) == ({"no time": 1}, {})
+    assert (
+        flow.completed_participant_count,
+        flow.analysed_participant_count,
+        flow.unfinished_analysed_participant_count,
+    ) == (1, 2, 1)
+    assert make_flow_steps(flow)[-1] == ("In the analysis: 2, of them 1 not finished yet", [])
+    about = " ".join(make_methods_sections(found, flow)["Participants"])
     assert "Of the 2 participants in the analysis: Age: 22 to 22 years" in about
     assert "1 were represented by a woman's body model, 1 by a man's" in about
-    tables = {table.name: table for table in publication_tables(found, simulated=False)}
+    tables = {table.name: table for table in make_publication_tables(found, simulated=False)}
     assert [row[:3] for row in tables["participants"].rows] == [
         ("man", 1, "22.0 (22 to 22)"),
         ("woman", 1, "22.0 (22 to 22)"),
@@ -286,22 +304,24 @@ def test_the_flow_names_why_people_left_and_who_is_analysed(tmp_path: Path) -> N
 
 def test_who_completed_a_study_without_data_that_count_is_not_analysed() -> None:
     flow = ParticipantFlow(
-        simulated=False, enrolled=2, deleted=0, without_consent=0, excluded=0, withdrew_before_allocation=0,
-        awaiting_allocation=0, allocated=2,
-        withdrew=0, unfinished=0, completed=2, analysed=1, participants_by_order={1: 2},
+        is_simulated=False, enrolled_participant_count=2, deleted_participant_count=0, without_consent_count=0,
+        excluded_participant_count=0, early_withdrawal_count=0,
+        awaiting_allocation_count=0, allocated_participant_count=2,
+        late_withdrawal_count=0, unfinished_participant_count=0, completed_participant_count=2,
+        analysed_participant_count=1, participants_by_order={1: 2},
         participants_by_consent_version={"1": 2},
-        first_session_day=None, last_session_day=None, completed_without_data=1,
+        first_session_day=None, last_session_day=None, completed_unanalysed_participant_count=1,
     )  # fmt: skip
-    assert flow_steps(flow)[2] == ("Completed the study: 2", ["1 without an analysed trial or answer"])
+    assert make_flow_steps(flow)[2] == ("Completed the study: 2", ["1 without an analysed trial or answer"])
 
 
 # What a reader could misread
 
 
 def test_inclusion_questions_are_listed_with_the_answer_that_let_people_in(analysis: StudyAnalysis) -> None:
-    flow = flow_for_publication(analysis)
+    flow = select_publication_flow(analysis)
     assert flow is not None
-    (asked,) = (each for each in checklist_fields(analysis, flow) if each.field == "Inclusion criteria")
+    (asked,) = (each for each in make_checklist_fields(analysis, flow) if each.field == "Inclusion criteria")
     assert "with glasses if you need them? Yes." in asked.value
     assert "Have you ever had epilepsy? No." in asked.value
 
@@ -310,13 +330,13 @@ def test_the_numbers_of_values_are_those_of_each_group(analysis: StudyAnalysis) 
     rows = [row for row in analysis.tests if not row.simulated and row.unit == PARTICIPANT_UNIT]
     unpaired = [row for row in rows if row.test == "Mann-Whitney"]
     assert unpaired
-    assert {sample_size_text(row) for row in unpaired} == {f"{PEOPLE} / {PEOPLE_PER_TASK}"}
+    assert {format_sample_size(row) for row in unpaired} == {f"{PEOPLE} / {SAMPLED_PEOPLE_PER_TASK}"}
     of_equal_size = replace(unpaired[0], n_a=20, n_b=20, n=40)
-    assert sample_size_text(of_equal_size) == "20 / 20"
+    assert format_sample_size(of_equal_size) == "20 / 20"
     for row in rows:
         if row.test != "Mann-Whitney" and row.n_a == row.n_b:
             zeros = f" + {row.zeros} zero" if row.zeros else ""
-            assert sample_size_text(row) == f"{row.n}{zeros}"
+            assert format_sample_size(row) == f"{row.n}{zeros}"
 
 
 def test_a_problem_of_many_recordings_is_shown_once_and_names_each(
@@ -362,9 +382,9 @@ def test_the_methods_name_the_furniture_and_withdrawals_of_the_tasks(
     analysis: StudyAnalysis, tasks: tuple[str, ...], said: str, not_said: str
 ) -> None:
     design = msgspec.structs.replace(analysis.design, tasks=tasks)
-    told, flow = replace(analysis, design=design, session_designs=[]), flow_for_publication(analysis)
+    told, flow = replace(analysis, design=design, session_designs=[]), select_publication_flow(analysis)
     assert flow is not None
-    words = " ".join(methods_sections(told, flow)["Apparatus"])
+    words = " ".join(make_methods_sections(told, flow)["Apparatus"])
     assert said in words
     assert not_said not in words
     assert ("After success in feeding the robot withdrew" in words) == ("Feeding" in tasks)

@@ -9,16 +9,16 @@ from typer.testing import CliRunner
 
 from avrgym.analysis.reward_model import (
     RatedTrial,
-    compare,
-    fit_reward,
+    find_preference_pairs,
     fit_reward_model,
+    fit_reward_models,
     fit_reward_weights,
     write_reward_models,
 )
 from avrgym.cli.main import app
 from avrgym.learning.preference_reward import read_preference_weights
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.known_results import enrol_included, run_trials
 from helpers.studies.small_studies import make_study
 
@@ -63,7 +63,9 @@ def test_random_ratings_are_predicted_by_chance_only() -> None:
 def test_comparisons_are_of_one_participant_and_omit_ties() -> None:
     own = [RatedTrial("sub-001", "FeedingJaco", rating, {}, 0.0) for rating in (3.0, 5.0, 5.0)]
     other = RatedTrial("sub-002", "FeedingJaco", 9.0, {}, 0.0)
-    assert [(better.rating, worse.rating) for better, worse in compare([*own, other])] == [(5.0, 3.0)] * 2
+    assert [(better.rating, worse.rating) for better, worse in find_preference_pairs([*own, other])] == [
+        (5.0, 3.0)
+    ] * 2
 
 
 def test_weights_are_the_maximum_of_the_penalised_likelihood() -> None:
@@ -79,10 +81,10 @@ def test_weights_are_the_maximum_of_the_penalised_likelihood() -> None:
 
 def test_a_study_without_comparisons_is_refused(tmp_path: Path) -> None:
     with (
-        Store(make_study(tmp_path / "study")) as store,
+        StudyStore(make_study(tmp_path / "study")) as store,
         pytest.raises(StudyError, match="no task has comparisons of at least 3 participants"),
     ):
-        fit_reward(store)
+        fit_reward_models(store)
     (tmp_path / "reward.json").write_text("")
     with pytest.raises(FileExistsError, match="already exists"):
         write_reward_models([], tmp_path / "reward.json")
@@ -91,7 +93,7 @@ def test_a_study_without_comparisons_is_refused(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_study_with_comparisons_yields_a_file(tmp_path: Path) -> None:
     study = make_study(tmp_path / "study")
-    with Store(study) as store:
+    with StudyStore(study) as store:
         for _ in range(3):
             run_trials(store, enrol_included(store))
     out = tmp_path / "reward.json"

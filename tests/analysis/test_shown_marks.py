@@ -10,24 +10,24 @@ import pytest
 from matplotlib.figure import Figure
 
 from avrgym.analysis.figures import draw_figures
-from avrgym.analysis.models.effects import TrialValue, design_matrix, effects_of_interest
+from avrgym.analysis.models.effects import TrialValue, list_effects_of_interest, make_design_matrix
 from avrgym.analysis.models.estimate import EffectEstimate
 from avrgym.analysis.models.fitting import MIXED_MODEL, estimate_effects
-from avrgym.analysis.models.mixed import fit_mixed_model
-from avrgym.analysis.models.models import ModelRow
-from avrgym.analysis.models.section import effects_table
-from avrgym.analysis.output import write_analysis
-from avrgym.analysis.page.drawing import add_legend
-from avrgym.analysis.publication.tables import publication_tables
-from avrgym.analysis.study import StudyAnalysis, analyse_study
-from avrgym.study.design.design import default_design_text, parse_design
+from avrgym.analysis.models.mixed_models import fit_mixed_model
+from avrgym.analysis.models.regression_models import ModelEffectRow
+from avrgym.analysis.models.section import render_effects_table
+from avrgym.analysis.output_files import write_analysis
+from avrgym.analysis.page.report_figures import add_legend
+from avrgym.analysis.publication.publication_tables import make_publication_tables
+from avrgym.analysis.study_analysis import StudyAnalysis, analyse_study
+from avrgym.study.design.design import parse_design, read_default_design_text
 from avrgym.study.storage import database
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.browser.html_page import Page
 from helpers.studies.known_results import enrol_included, read_table, run_trials
 from helpers.studies.small_studies import make_study
 
-DESIGN = parse_design(default_design_text())
+DESIGN = parse_design(read_default_design_text())
 REMARK = "singular: random effect at zero: "
 
 
@@ -60,7 +60,7 @@ def analysis(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[StudyAn
         patch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
         policies = '["oracle", "random", "revised"]'
         folder = make_study(tmp_path_factory.mktemp("study"), tasks='["Feeding"]', policies=policies)
-        with Store(folder) as store:
+        with StudyStore(folder) as store:
             for _ in range(4):
                 run_trials(store, enrol_included(store, "man"))
             found = analyse_study(store)
@@ -121,7 +121,7 @@ def values(of_policy: float, of_participant: float, noise: float) -> list[TrialV
 
 
 def notes(seen: list[TrialValue]) -> set[str]:
-    found = estimate_effects(DESIGN, MIXED_MODEL, seen, effects_of_interest(DESIGN))
+    found = estimate_effects(DESIGN, MIXED_MODEL, seen, list_effects_of_interest(DESIGN))
     return {each.note for each in found.values() if isinstance(each, EffectEstimate)}
 
 
@@ -132,7 +132,7 @@ def test_a_random_effect_at_zero_is_named_with_every_estimate() -> None:
     named = set(note.removeprefix(REMARK).split(", "))
     assert named <= {"participant", "participant by policy", "participant by robot", "participant by task"}
     groups = [[each.participant for each in seen]]
-    design = np.hstack([np.ones((len(seen), 1)), design_matrix(DESIGN, seen).matrix])
+    design = np.hstack([np.ones((len(seen), 1)), make_design_matrix(DESIGN, seen).matrix])
     fitted = fit_mixed_model([each.value for each in seen], design, groups[0], groups)
     assert fitted.zero_variance_indices == [
         place for place in (0,) if fitted.variance_components[place] <= 0.0
@@ -150,7 +150,7 @@ def test_a_random_effect_that_is_there_is_not_said_to_be_at_zero(
     assert differs not in note.removeprefix(REMARK).split(", ")
 
 
-SINGULAR = ModelRow(
+SINGULAR = ModelEffectRow(
     simulated=True, family="f", quantity="reward", model=MIXED_MODEL, effect="policies", group_a="a", group_b="b",
     participants=8, values=64, estimate=1.0, error=1.0, df=7.0, low=-1.0, high=3.0, p=0.5, p_holm=0.5,
     plan_status="exploratory", note=f"{REMARK}participant by robot",
@@ -158,14 +158,14 @@ SINGULAR = ModelRow(
 
 
 def test_the_report_shows_the_remark_beside_its_result() -> None:
-    assert SINGULAR.note in str(effects_table("Models", [SINGULAR], simulated=True))
+    assert SINGULAR.note in str(render_effects_table("Models", [SINGULAR], simulated=True))
 
 
 @pytest.mark.slow
 def test_tables_for_publications_have_the_remark(analysis: tuple[StudyAnalysis, Path]) -> None:
     models = next(
         each
-        for each in publication_tables(replace(analysis[0], models=[SINGULAR]), True)
+        for each in make_publication_tables(replace(analysis[0], model_effects=[SINGULAR]), True)
         if each.name == "models"
     )
     assert models.column_headings[-1] == "Remark"

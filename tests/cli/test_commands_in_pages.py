@@ -17,7 +17,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
-from avrgym.study.design.design import default_design_text, parse_design
+from avrgym.study.design.design import parse_design, read_default_design_text
 from helpers.browser.documentation import DOCS, DOCUMENTS, blocks, commands, name_of
 from helpers.learning.small_training import shorten_training
 from helpers.system.paths import OLD_RECORDING, ROOT
@@ -86,7 +86,7 @@ def test_code_blocks_are_valid(page: Path) -> None:
 
 @pytest.mark.parametrize("page", ["how_to/questionnaire.md", "how_to/stations.md"])
 def test_additions_to_a_study_are_valid(page: str) -> None:
-    text = default_design_text().partition("[database]")[0]
+    text = read_default_design_text().partition("[database]")[0]
     for language, added in blocks(DOCS / page):
         if language == "toml" and any(
             word in added for word in ("use =", "items =", "[[stop_rules]]", "url =")

@@ -13,7 +13,7 @@ from typer.main import get_command
 
 from avrgym.cli.main import app
 from avrgym.models.robot import Arm, Mount, Robot
-from avrgym.tasks.constants import environment_id
+from avrgym.tasks.constants import make_environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from avrgym.tasks.task import Task
 from helpers.browser.documentation import DOCUMENTS, anchors, blocks, missing_rows, name_of, without_blocks
@@ -32,7 +32,9 @@ FOLDERS = {"docs", "research", "client", "examples", "tests", "scripts", "src"}
 PACKAGES = {path.name for path in (ROOT / "src" / "avrgym").iterdir() if path.is_dir()}
 MAX_WORDS, MAX_README_LINES = 30_000, 120
 EXAMPLES = {
-    environment_id(task, robot) for task in (*TASKS, "TouchElbow") for robot in ("Jaco", "Fetch", "LongArm")
+    make_environment_id(task, robot)
+    for task in (*TASKS, "TouchElbow")
+    for robot in ("Jaco", "Fetch", "LongArm")
 }
 """Environments on the pages about new tasks and robots."""
 CODE_SUFFIXES = {".css", ".html", ".json", ".py", ".toml", ".ts"}
@@ -135,7 +137,7 @@ def test_every_environment_has_a_picture():
 
 @pytest.mark.parametrize("task", TASKS.values(), ids=lambda task: task.name)
 def test_every_reward_term_has_its_weight(task):
-    for term, weight in task.weights.items():
+    for term, weight in task.reward_weights.items():
         assert f"| `{term}` | {weight:g} |" in ENVIRONMENT_PAGE
 
 

@@ -9,21 +9,21 @@ from collections.abc import Iterable
 import pytest
 
 from avrgym.cli import progress
-from avrgym.cli.progress import WorkRate, duration_text, progress_bar
+from avrgym.cli.progress import WorkRate, format_duration, show_progress_bar
 from avrgym.cli.terminal import print_table
 from helpers.system.processes import kill_with_parent
 
 STOPPED = """
 import os, signal
 from avrgym.cli.program import Program
-from avrgym.cli.progress import progress_bar
+from avrgym.cli.progress import show_progress_bar
 import typer
 
 app = Program()
 
 @app.command()
 def work():
-    with progress_bar("working", 10, "steps", stopped="`work --resume` goes on") as bar:
+    with show_progress_bar("working", 10, "steps", stopped="`work --resume` goes on") as bar:
         bar.advance()
         os.kill(os.getpid(), signal.{signal})
         signal.pause()
@@ -46,7 +46,7 @@ def output_of(out: io.StringIO, patch: pytest.MonkeyPatch, seconds: Iterable[flo
     now_s = [0.0]
     with patch.context() as here:
         here.setattr(sys, "stdout", out)
-        with progress_bar("walking", 10, "steps", clock=lambda: now_s[0]) as bar:
+        with show_progress_bar("walking", 10, "steps", clock=lambda: now_s[0]) as bar:
             for second in seconds:
                 now_s[0] = second
                 bar.advance()
@@ -85,7 +85,7 @@ def test_a_task_of_unknown_length_shows_the_completed_steps(monkeypatch: pytest.
     now_s, out = [0.0], File()
     with monkeypatch.context() as here:
         here.setattr(sys, "stdout", out)
-        with progress_bar("reading", unit="files", clock=lambda: now_s[0]) as bar:
+        with show_progress_bar("reading", unit="files", clock=lambda: now_s[0]) as bar:
             now_s[0] = 20.0
             bar.update(3)
             now_s[0] = 40.0
@@ -107,14 +107,14 @@ def test_completed_steps_before_a_resume_do_not_count_for_the_rate() -> None:
     rate = WorkRate()
     for now_s, done in ((5.0, 1000.0), (10.0, 1010.0), (10.5, 1011.0), (15.0, 1020.0)):
         rate.add_sample(now_s, done)
-    assert rate.per_s == pytest.approx(2.0)
+    assert rate.work_per_s == pytest.approx(2.0)
 
 
 def test_the_rate_covers_the_latest_minutes() -> None:
     rate = WorkRate()
     for second in range(0, 4000, 2):
         rate.add_sample(float(second), min(second, 2000) * 10.0 + max(second - 2000, 0) * 1.0)
-    assert rate.per_s == pytest.approx(1.0)
+    assert rate.work_per_s == pytest.approx(1.0)
 
 
 def test_a_table_in_a_file_has_no_colours(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -141,7 +141,7 @@ def test_an_interruption_prints_one_line_with_the_resume_command(number: signal.
 
 
 def test_an_error_is_not_an_interruption(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(ValueError, match="wrong") as error, progress_bar("working"):
+    with pytest.raises(ValueError, match="wrong") as error, show_progress_bar("working"):
         raise ValueError("wrong")
     assert not getattr(error.value, "__notes__", [])
 
@@ -152,4 +152,4 @@ def test_an_error_is_not_an_interruption(monkeypatch: pytest.MonkeyPatch) -> Non
      (9000, "2 h 30 min")],
 )  # fmt: skip
 def test_duration_texts(seconds: float, words: str) -> None:
-    assert duration_text(seconds) == words
+    assert format_duration(seconds) == words

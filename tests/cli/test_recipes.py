@@ -11,13 +11,13 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 from avrgym.cli.main import app
 from avrgym.learning import recurrent_recipe, training
 from avrgym.learning.configuration import (
-    AnyConfiguration,
+    AnyTrainingConfiguration,
     FeedforwardConfiguration,
     RecurrentConfiguration,
     read_configuration,
 )
-from avrgym.learning.hyperparameters import PAPER_STEPS, RECURRENT_HYPERPARAMETERS
-from avrgym.policies.trained import Policy
+from avrgym.learning.hyperparameters import PAPER_TRAINING_STEPS, RECURRENT_HYPERPARAMETERS
+from avrgym.policies.trained_policies import Policy
 from helpers.learning.small_training import shorten_training
 from helpers.vr.visit import ENVIRONMENT
 
@@ -79,19 +79,19 @@ def test_the_papers_recipe_uses_only_ppo(tmp_path: Path, monkeypatch: pytest.Mon
         assert isinstance(made, FeedforwardConfiguration)
         assert made.imitation_steps == 0
         assert made.net_arch == (64, 64)
-        assert made.force_weight_at(steps) == made.detour_weight_per_m == made.hard_share == 0.0
-        assert made.actor_learns_at(0)
+        assert made.compute_force_weight(steps) == made.detour_weight_per_m == made.hard_share == 0.0
+        assert made.is_actor_learning(0)
 
 
 class TrainCalled(Exception):
     """Raised instead of a training."""
 
 
-def given_configuration(patch: pytest.MonkeyPatch, *arguments: str) -> AnyConfiguration:
+def given_configuration(patch: pytest.MonkeyPatch, *arguments: str) -> AnyTrainingConfiguration:
     """Return the configuration that a command would train."""
-    given: list[AnyConfiguration] = []
+    given: list[AnyTrainingConfiguration] = []
 
-    def train_nothing(configuration: AnyConfiguration, *rest: object, **named: object) -> None:
+    def train_nothing(configuration: AnyTrainingConfiguration, *rest: object, **named: object) -> None:
         given.append(configuration)
         raise TrainCalled
 
@@ -101,7 +101,7 @@ def given_configuration(patch: pytest.MonkeyPatch, *arguments: str) -> AnyConfig
 
 
 def test_the_papers_recipe_trains_ten_million_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert given_configuration(monkeypatch, "--recipe", "paper").steps == PAPER_STEPS
+    assert given_configuration(monkeypatch, "--recipe", "paper").steps == PAPER_TRAINING_STEPS
 
 
 @pytest.mark.slow

@@ -11,10 +11,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
-from avrgym.cli.progress import progress_bar
-from avrgym.cli.terminal import print_line, print_table, printable_text
+from avrgym.cli.progress import show_progress_bar
+from avrgym.cli.terminal import escape_control_characters, print_line, print_table
 from avrgym.study.storage import database
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant
 
 HOSTILE = (
@@ -47,7 +47,7 @@ def output_of(action: Callable[[], object], monkeypatch: pytest.MonkeyPatch, enc
 def test_a_line_is_printed_unchanged(monkeypatch: pytest.MonkeyPatch) -> None:
     for text in hostile_texts():
         shown = output_of(lambda text=text: print_line(text), monkeypatch)
-        assert shown == printable_text(text, "utf-8") + "\n"
+        assert shown == escape_control_characters(text, "utf-8") + "\n"
         if (
             not any(ord(character) < 32 or 0x7F <= ord(character) < 0xA0 for character in text)
             and text != "\ud800"
@@ -67,7 +67,7 @@ def test_a_table_is_shown_in_every_encoding(encoding: str, monkeypatch: pytest.M
     shown = output_of(lambda: print_table([row]), monkeypatch, encoding)
     dash = "–" if encoding in ("cp1252", "utf-8") else "-"
     cells = [word for word in shown.splitlines()[-2].split() if word != "|"]
-    assert cells == [dash, printable_text("漢字", encoding), f"{dash},", "1.5"]
+    assert cells == [dash, escape_control_characters("漢字", encoding), f"{dash},", "1.5"]
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8"])
@@ -75,7 +75,7 @@ def test_characters_outside_the_encoding_are_escaped(encoding: str, monkeypatch:
     for text in hostile_texts():
         assert (
             output_of(lambda text=text: print_line(text), monkeypatch, encoding)
-            == printable_text(text, encoding) + "\n"
+            == escape_control_characters(text, encoding) + "\n"
         )
 
 
@@ -85,7 +85,7 @@ def test_a_table_does_not_truncate_cells(monkeypatch: pytest.MonkeyPatch) -> Non
         row = {name: cell, "other": 1.5, "list": [cell, cell]}
         shown = output_of(lambda row=row: print_table([row]), monkeypatch)
         for text in (name, cell):
-            for line in printable_text(text, "utf-8").expandtabs(8).splitlines():
+            for line in escape_control_characters(text, "utf-8").expandtabs(8).splitlines():
                 assert line.strip() in shown
 
 
@@ -112,7 +112,7 @@ def test_system_errors_name_the_file_and_the_reason(tmp_path: Path) -> None:
 
 def test_a_progress_bar_accepts_any_text(monkeypatch: pytest.MonkeyPatch) -> None:
     for text in HOSTILE:
-        with progress_bar(text, 2) as bar:
+        with show_progress_bar(text, 2) as bar:
             bar.advance()
             bar.update(2, 2, text)
 
@@ -130,7 +130,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     text = text.replace("You take part in a study", "You [may stop] take [/part] in a [red]study[/red]")
     text = text.replace("Are you 18 years", "Are [you] 18 [/] years")
     design.write_text(text)
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         run_participant(store, enrol_with_consent(store), trials=2)
     return folder
 

@@ -82,4 +82,4 @@ def test_looking_must_last() -> None:
         timer.update(np.radians([5.0, 5.0 if step % 6 else 40.0]), 0.1)
         looks.append(timer.detect_gaze())
     assert np.sum(looks, axis=0).tolist() == [1, 0]
-    assert timer.facing_away_s.tolist() == [0.0, 0.0]
+    assert timer.facing_away_duration_s.tolist() == [0.0, 0.0]

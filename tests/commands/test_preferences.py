@@ -13,8 +13,8 @@ from avrgym.commands.preferences import (
     change_preferences,
     describe_preferences,
 )
-from avrgym.commands.vocabulary import COMMAND_NAMES, COMMAND_SOURCES, ROBOT_COMMANDS, commands_of_source
-from avrgym.study.design.design import DesignError, default_design_text, parse_design
+from avrgym.commands.vocabulary import COMMAND_NAMES, COMMAND_SOURCES, ROBOT_COMMANDS, find_allowed_commands
+from avrgym.study.design.design import DesignError, parse_design, read_default_design_text
 
 ALL = {"policy": "revised", "commands": COMMAND_NAMES, "sources": COMMAND_SOURCES}
 PACED = """
@@ -83,19 +83,21 @@ def test_rules_name_the_reason_of_a_refusal() -> None:
     applied = apply_preferences(
         ConditionRules(policy="revised", commands=("ready", "stop"), sources=("key", "nod")), None
     )
-    assert applied.rejection_reason("ready", "key") == applied.rejection_reason("ready", "nod") == ""
-    assert "not a source" in applied.rejection_reason("ready", "switch")
-    assert "not a command of this trial" in applied.rejection_reason("faster", "key")
-    assert "nod cannot give stop" in applied.rejection_reason("stop", "nod")
+    assert (
+        applied.find_rejection_reason("ready", "key") == applied.find_rejection_reason("ready", "nod") == ""
+    )
+    assert "not a source" in applied.find_rejection_reason("ready", "switch")
+    assert "not a command of this trial" in applied.find_rejection_reason("faster", "key")
+    assert "nod cannot give stop" in applied.find_rejection_reason("stop", "nod")
 
 
 def test_every_command_has_texts_and_every_source_commands() -> None:
     assert tuple(ROBOT_COMMANDS) == COMMAND_NAMES
     for command in ROBOT_COMMANDS.values():
         assert command.meaning
-        assert command.label("de-AT") == command.labels["de"]
-        assert command.label("fr") == command.labels["en"]
-    assert all(commands_of_source(source) for source in COMMAND_SOURCES)
+        assert command.localized_label("de-AT") == command.labels["de"]
+        assert command.localized_label("fr") == command.labels["en"]
+    assert all(find_allowed_commands(source) for source in COMMAND_SOURCES)
 
 
 def test_preferences_are_shown_in_words() -> None:
@@ -109,13 +111,13 @@ def test_preferences_are_shown_in_words() -> None:
 
 
 def test_a_design_names_conditions_with_their_policy() -> None:
-    text = default_design_text().replace(
+    text = read_default_design_text().replace(
         'policies = ["original", "revised"]', 'policies = ["revised", "paced"]'
     )
     design = parse_design(text + PACED)
-    assert design.policy_of_condition("paced") == "revised"
-    assert design.fixed_field_values()["conditions"]["paced"]["sources"] == ["key", "nod"]
-    assert "conditions" not in parse_design(default_design_text()).fixed_field_values()
+    assert design.find_condition_policy("paced") == "revised"
+    assert design.list_fixed_field_values()["conditions"]["paced"]["sources"] == ["key", "nod"]
+    assert "conditions" not in parse_design(read_default_design_text()).list_fixed_field_values()
 
 
 @pytest.mark.parametrize(
@@ -130,7 +132,7 @@ def test_a_design_names_conditions_with_their_policy() -> None:
     ],
 )
 def test_wrong_conditions_name_their_line(old: str, new: str, message: str, tmp_path: Path) -> None:
-    text = default_design_text().replace(
+    text = read_default_design_text().replace(
         'policies = ["original", "revised"]', 'policies = ["revised", "paced"]'
     )
     with pytest.raises(DesignError, match=rf"study.toml:\d+: .*{message}"):

@@ -8,7 +8,7 @@ import pytest
 
 from avrgym.doctor import connections
 from avrgym.doctor.finding import Finding
-from avrgym.vr.server.certificate import certificate_in_folder, load_or_create_certificate
+from avrgym.vr.server.certificate import load_or_create_certificate, locate_certificate
 
 NAMES = ("192.0.2.7", "lab", "lab.local")
 
@@ -91,12 +91,12 @@ def test_firewalls_that_are_on(program: Callable[[str, str], None], tmp_path: Pa
 
 def test_a_certificate_is_examined_and_never_made(tmp_path: Path) -> None:
     folder = tmp_path / "with space"
-    wanted = certificate_in_folder(folder, NAMES)
+    wanted = locate_certificate(folder, NAMES)
     assert connections.check_certificate(wanted).message.startswith("none yet")
     assert not folder.exists()
     load_or_create_certificate(NAMES, folder)
     assert connections.check_certificate(wanted) == Finding("ok", str(wanted.certificate_file))
-    other = connections.check_certificate(certificate_in_folder(folder, ("192.0.2.8",)))
+    other = connections.check_certificate(locate_certificate(folder, ("192.0.2.8",)))
     assert (other.state, "lacks a current name" in other.message) == ("warning", True)
     wanted.key_file.chmod(0o644)
     assert "chmod 600" in connections.check_certificate(wanted).fix

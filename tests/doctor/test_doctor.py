@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.doctor.checks import COMPUTER_CHECKS, run_checks
-from avrgym.doctor.finding import Check, ok_finding
+from avrgym.doctor.finding import Check, make_ok_finding
 from avrgym.system.mujoco_setup import DISPLAY_VARIABLES, RENDERING_HINT
 
 
@@ -46,6 +46,6 @@ def test_an_exception_in_a_check_is_an_error_result() -> None:
     def fail():
         raise OSError("broken installation")
 
-    found = dict(run_checks((Check("broken", fail), Check("sound", lambda: ok_finding("well")))))
+    found = dict(run_checks((Check("broken", fail), Check("sound", lambda: make_ok_finding("well")))))
     assert (found["broken"].state, found["sound"].state) == ("error", "ok")
     assert "broken installation" in found["broken"].message

@@ -26,17 +26,19 @@ def test_a_missing_and_an_old_package_are_named_with_the_line_that_brings_them()
 
 
 def test_requirements_are_read_from_the_metadata() -> None:
-    by_itself = {each.name for each in installation.requirements_of()}
+    by_itself = {each.name for each in installation.find_requirements()}
     assert {"mujoco", "numpy", "gymnasium"} <= by_itself
-    assert {each.name for each in installation.requirements_of("browser")} == {"playwright"}
+    assert {each.name for each in installation.find_requirements("browser")} == {"playwright"}
     assert not by_itself & {
-        each.name for extra in installation.user_extras() for each in installation.requirements_of(extra)
+        each.name
+        for extra in installation.list_user_extras()
+        for each in installation.find_requirements(extra)
     }
-    assert installation.check_packages(installation.requirements_of()).state == "ok"
+    assert installation.check_packages(installation.find_requirements()).state == "ok"
 
 
 def test_all_user_extras_are_listed() -> None:
-    offered = set(installation.user_extras())
+    offered = set(installation.list_user_extras())
     assert {"train", "lsl", "foxglove", "usd", "cluster"} <= offered
     assert not {"dev", "docs"} & offered
 

@@ -52,10 +52,10 @@ def test_contact_forces_agree_in_the_same_state(environment: str) -> None:
         most = 0.01 if task.name == "Drinking" else 1e-4
         assert not apart.size or np.sqrt(np.mean(np.square(apart))) < most, apart
         contacts += int((threads.total_force_n > 0.0).sum())
-    assert contacts or task.offered == "mouth"
+    assert contacts or task.offered_body_part == "mouth"
 
 
 def next_state(episodes: Episodes) -> State:
     """Return the state after one physics step."""
     episodes.simulation.step(1)
-    return episodes.state()
+    return episodes.get_state()

@@ -36,8 +36,8 @@ def test_steps_with_moving_people_agree_with_threads_without_host_copies(environ
             result = device.step(device_action)
         np.testing.assert_allclose(result.distance_m, expected.distance_m, atol=2e-3)
         np.testing.assert_allclose(
-            device.simulation.person_joint_angles_rad(),
-            threads.simulation.person_joint_angles_rad(),
+            device.simulation.get_person_joint_angles_rad(),
+            threads.simulation.get_person_joint_angles_rad(),
             atol=2e-3,
         )
     device.check_device_results()

@@ -26,17 +26,19 @@ from avrgym.models.cameras import (
 from avrgym.models.robot import CameraMount
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.validation import check_robot
-from avrgym.tasks.camera_images import CameraImages, _SexModel, graphics_error
+from avrgym.tasks.camera_images import CameraImageRenderer, _SexModel, find_rendering_error
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import ENVIRONMENTS, task_and_scene
+from avrgym.tasks.registry import ENVIRONMENTS, find_task_and_scene
 
 FEEDING, BATHING = "avrgym/FeedingJaco-v1", "avrgym/BedBathingPR2-v1"
-needs_graphics = pytest.mark.skipif(graphics_error() is not None, reason="no graphics library renders here")
+needs_graphics = pytest.mark.skipif(
+    find_rendering_error() is not None, reason="no graphics library renders here"
+)
 EVERY_KIND = [CameraSpec(name, 80, 64, IMAGE_KINDS) for name in (WRIST_CAMERA, SCENE_CAMERA)]
 
 
 def cameras_of(environment: str) -> list[CameraSpec]:
-    robot = task_and_scene(environment)[1].robot
+    robot = find_task_and_scene(environment)[1].robot
     return [*EVERY_KIND, *(CameraSpec(name, 64, 96, ("rgb",)) for name in robot.cameras)]
 
 
@@ -109,9 +111,9 @@ def test_cloth_is_drawn_where_it_is_simulated():
     episodes = Episodes("avrgym/DressingJaco-v1", 1, people="revised", num_threads=1)
     episodes.reset(np.arange(1), [np.random.default_rng(0)])
     episodes.step(np.zeros((1, episodes.action_size)))
-    episodes.images([CameraSpec(SCENE_CAMERA)])
+    episodes.render_images([CameraSpec(SCENE_CAMERA)])
     (model,) = episodes._images._models.values()  # pyright: ignore
-    cloth_w = episodes.state().cloth_pos_w
+    cloth_w = episodes.get_state().cloth_pos_w
     assert cloth_w is not None
     assert_allclose(model._data.flexvert_xpos, cloth_w[0], atol=1e-9)
 
@@ -121,13 +123,13 @@ def test_depth_and_segmentation_are_those_of_the_simulated_bodies():
     episodes = Episodes(FEEDING, 2, people="revised", num_threads=1)
     episodes.reset(np.arange(2), [np.random.default_rng(seed) for seed in range(2)])
     camera = CameraSpec(WRIST_CAMERA, 320, 240, ("depth", "segmentation"))
-    images = episodes.images([camera])
+    images = episodes.render_images([camera])
     for world in range(2):
         depth, labels = images["wrist_depth"][world], images["wrist_segmentation"][world]
-        model = episodes._images._models[episodes.person_of_world(world).sex]  # pyright: ignore
-        model.show(episodes, world, episodes.person_of_world(world))
+        model = episodes._images._models[episodes.get_person(world).sex]  # pyright: ignore
+        model.show(episodes, world, episodes.get_person(world))
         data, number = model._data, model.model.camera(WRIST_CAMERA).id
-        food_w = episodes.state().particle_pos_w[world]
+        food_w = episodes.get_state().particle_pos_w[world]
         ahead_m = (data.cam_xpos[number] - food_w) @ data.cam_xmat[number].reshape(3, 3)[:, 2]
         food = depth[labels == SEGMENTATION_LABELS.index("particles")]
         assert_allclose(food.min(), ahead_m.min() - 0.005, atol=0.002)
@@ -144,12 +146,12 @@ def test_depth_and_segmentation_are_those_of_the_simulated_bodies():
 def test_an_image_depends_neither_on_other_worlds_nor_on_hidden_geoms(monkeypatch: pytest.MonkeyPatch):
     episodes = Episodes(FEEDING, 4, people="revised", num_threads=1)
     episodes.reset(np.arange(4), [np.random.default_rng(seed) for seed in range(4)])
-    assert len({episodes.person_of_world(world).sex for world in range(4)}) == 2
-    images = CameraImages(episodes, EVERY_KIND).images()
+    assert len({episodes.get_person(world).sex for world in range(4)}) == 2
+    images = CameraImageRenderer(episodes, EVERY_KIND).render_images()
     monkeypatch.setattr(_SexModel, "_outside", lambda self, camera, number: np.zeros(self.model.ngeom, bool))
     for world in range(4):
-        alone = CameraImages(episodes, EVERY_KIND)
-        for name, (image,) in alone.images([world]).items():
+        alone = CameraImageRenderer(episodes, EVERY_KIND)
+        for name, (image,) in alone.render_images([world]).items():
             assert_array_equal(image, images[name][world], name)
         alone.close()
 

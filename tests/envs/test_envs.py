@@ -67,13 +67,13 @@ def test_info_says_success_terms_and_force(environment_id):
     env = gym.make(environment_id, people="revised")
     assert isinstance(env.unwrapped, AssistiveEnv)
     _, first = env.reset(seed=0)
-    state = env.unwrapped.episodes.simulation.state()
+    state = env.unwrapped.episodes.simulation.get_state()
     later = env.step(np.zeros_like(env.action_space.sample()))[-1]
     for info in (first, later):
         assert set(info) == {"success", "reward_terms", "force_on_person"}
         assert info["success"] is False
         assert isinstance(info["force_on_person"], float)
-        assert set(info["reward_terms"]) == set(env.unwrapped.episodes.task.weights)
+        assert set(info["reward_terms"]) == set(env.unwrapped.episodes.task.reward_weights)
         assert all(isinstance(value, float) for value in info["reward_terms"].values())
     assert first["reward_terms"]["distance_m"] == pytest.approx(later["reward_terms"]["distance_m"], abs=0.01)
     assert first["reward_terms"]["distance_m"] > 0.1
@@ -91,10 +91,10 @@ def test_an_episode_is_cut_after_20_seconds_and_has_no_201st_step(make):
     env.reset(seed=0)
     ends = [env.step(still)[2:4] for _ in range(EPISODE_STEPS)]
     assert ends == [(False, False)] * (EPISODE_STEPS - 1) + [(False, True)]
-    before = env.unwrapped.episodes.simulation.integration_state()
+    before = env.unwrapped.episodes.simulation.get_integration_state()
     with pytest.raises(ResetNeeded, match=r"call reset\(\) to start an episode of 200 steps"):
         env.step(still)
-    assert_array_equal(env.unwrapped.episodes.simulation.integration_state(), before)
+    assert_array_equal(env.unwrapped.episodes.simulation.get_integration_state(), before)
     env.reset()
     assert env.step(still)[2:4] == (False, False)
 
@@ -169,8 +169,8 @@ def test_a_person_can_be_fixed():
     env = AssistiveEnv(FEEDING, person=person)
     for seed in range(3):
         env.reset(seed=seed)
-        assert env.episodes.person_of_world(0).torso_height_m == 0.5
-        assert env.episodes.person_of_world(0).sex == "woman"
+        assert env.episodes.get_person(0).torso_height_m == 0.5
+        assert env.episodes.get_person(0).sex == "woman"
 
 
 # Determinism
@@ -249,7 +249,7 @@ def test_observations_stay_inside_their_space(rng):
     """Also at full speed into the person, the chair and the table."""
     vector = AssistiveVectorEnv(FEEDING, 32, people="revised")
     observation, _ = vector.reset(seed=0)
-    bound = vector.episodes.observation.bound
+    bound = vector.episodes.observation_spec.bound
     assert vector.single_observation_space == gym.spaces.Box(-bound, bound, dtype=np.float64)
     assert np.isfinite(bound).all()
     assert isinstance(observation, np.ndarray)
@@ -340,7 +340,7 @@ def test_many_worlds_have_a_picture_each():
 
 
 def test_where_nothing_can_be_drawn_the_error_says_what_to_set(monkeypatch):
-    monkeypatch.setattr("avrgym.tasks.camera_images.graphics_error", lambda: "no library")
+    monkeypatch.setattr("avrgym.tasks.camera_images.find_rendering_error", lambda: "no library")
     env = AssistiveEnv(FEEDING, render_mode="rgb_array")
     env.reset(seed=0)
     for _ in range(2):

@@ -10,13 +10,13 @@ from avrgym.models.compliance import (
     MAX_CONTACT_DEPTH_M,
     MAX_CONTACT_FORCE_N,
     PERSON_INVERSE_MASS_PER_KG,
-    TREMOR_STRENGTH_SHARE,
-    contact_force_n,
-    effective_effort_limit,
-    impact_force_n,
+    TREMOR_STRENGTH_FRACTION,
+    compute_contact_force_n,
+    compute_effective_effort_limits,
+    compute_impact_force_n,
     set_compliance,
 )
-from avrgym.models.robot import PREFIX
+from avrgym.models.robot import ROBOT_NAME_PREFIX
 from avrgym.models.scene import SCENE_TOOL_BODY
 from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.worlds import MAX_SERVO_LEAD_RAD, Simulation
@@ -41,9 +41,9 @@ STRIKE = """
 
 def test_a_person_is_a_spring_that_gives_way_ever_more():
     depths = np.linspace(0.0, MAX_CONTACT_DEPTH_M, 501)
-    force = contact_force_n(depths)
+    force = compute_contact_force_n(depths)
     assert force[0] == 0.0
-    assert contact_force_n(np.array(1e-5)) / 1e-5 == pytest.approx(25.5e3, rel=0.03)
+    assert compute_contact_force_n(np.array(1e-5)) / 1e-5 == pytest.approx(25.5e3, rel=0.03)
     assert force[-1] == pytest.approx(101.4, abs=0.1) == MAX_CONTACT_FORCE_N
     assert (np.diff(force) > 0.0).all()
     assert (np.diff(force[depths < 0.02], n=2) < 0.0).all()
@@ -59,7 +59,7 @@ def test_mujoco_carries_what_the_curve_says(depth_m):
     model.body_invweight0[model.body("head").id, 0] += PERSON_INVERSE_MASS_PER_KG
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    assert data.efc_force.sum() == pytest.approx(float(contact_force_n(np.array(depth_m))), rel=0.001)
+    assert data.efc_force.sum() == pytest.approx(float(compute_contact_force_n(np.array(depth_m))), rel=0.001)
 
 
 @pytest.mark.parametrize("mass_kg", [0.1, 1.0, 10.0, 100.0])
@@ -74,21 +74,21 @@ def test_what_strikes_presses_as_its_energy_allows(mass_kg, speed_m_s):
     data = mujoco.MjData(model)
     data.qvel[0] = -speed_m_s
     mujoco.mj_forward(model, data)
-    strike = float(impact_force_n(np.array(0.5 * mass_kg * speed_m_s**2)))
+    strike = float(compute_impact_force_n(np.array(0.5 * mass_kg * speed_m_s**2)))
     assert data.ncon == 1
     assert 0.0 < data.efc_force.sum() <= strike
 
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
 def test_motors_press_with_no_more_than_their_lead_nor_than_they_have(robot):
-    scene = TASKS["Feeding"].scene(robot)
+    scene = TASKS["Feeding"].make_scene(robot)
     simulation = Simulation(scene, 1, num_threads=1)
     model, lead = (
         simulation.model,
-        MAX_SERVO_LEAD_RAD * simulation.configuration_units[: len(scene.arm.joints)],
+        MAX_SERVO_LEAD_RAD * simulation.configuration_scales[: len(scene.arm.joints)],
     )
-    ranges = np.array([model.actuator(PREFIX + joint).forcerange for joint in scene.arm.joints])
-    limit = effective_effort_limit(scene.arm, lead)
+    ranges = np.array([model.actuator(ROBOT_NAME_PREFIX + joint).forcerange for joint in scene.arm.joints])
+    limit = compute_effective_effort_limits(scene.arm, lead)
     assert_allclose(ranges, np.stack([-limit, limit], axis=-1))
     assert (limit <= scene.arm.effort_limit).all()
     assert (limit <= lead * scene.arm.stiffness).all()
@@ -99,14 +99,14 @@ def test_who_trembles_presses_with_a_third_of_the_strength():
         reset_episodes(SCRATCHING, 2, impairment="tremor"),
         reset_episodes(SCRATCHING, 2, impairment="weakness"),
     )
-    for episodes, share in ((trembling, TREMOR_STRENGTH_SHARE), (calm, 1.0)):
+    for episodes, share in ((trembling, TREMOR_STRENGTH_FRACTION), (calm, 1.0)):
         model = episodes.simulation.batch.get_model(1)
-        ranges = [model.actuator(human.PREFIX + joint).forcerange[1] for joint in human.JOINTS]
+        ranges = [model.actuator(human.PERSON_NAME_PREFIX + joint).forcerange[1] for joint in human.JOINTS]
         assert_allclose(ranges, share * episodes.people.strength_share[1] * human.JOINT_TORQUE_LIMITS_N_M)
 
 
 def test_people_touch_a_box_in_place_of_the_spoons_thin_walls():
-    model = Simulation(TASKS["Feeding"].scene(ROBOTS["Jaco"]), 1, num_threads=1).model
+    model = Simulation(TASKS["Feeding"].make_scene(ROBOTS["Jaco"]), 1, num_threads=1).model
     touching = (model.geom_conaffinity & collision_bits.PERSON.contype) & (
         model.geom_bodyid == model.body(SCENE_TOOL_BODY).id
     )
@@ -140,7 +140,7 @@ def test_people_who_tremble_are_not_jammed_either(task):
 def test_people_who_do_not_move_give_way_as_softly_as_they_would_alone():
     """The softness of a person's contacts does not depend on sex or size of the person before."""
     episodes = reset_episodes(SCRATCHING, 4)
-    bodies = [episodes.simulation.model.body(human.PREFIX + name).id for name in human.BODIES]
+    bodies = [episodes.simulation.model.body(human.PERSON_NAME_PREFIX + name).id for name in human.BODIES]
     for _ in range(2):
         episodes.reset(np.arange(4), [np.random.default_rng(seed) for seed in range(4)])
         softness = episodes.simulation.batch.get_model(2).body_invweight0[bodies, 0]

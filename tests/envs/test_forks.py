@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from avrgym.envs.vector import AssistiveVectorEnv
-from avrgym.system.jobs import available_core_count
+from avrgym.system.parallel_calls import count_available_cores
 
 FORKS = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 
@@ -99,6 +99,6 @@ def test_a_copy_and_worlds_of_one_thread_go_on_to_the_same_bits(act: str, thread
 
 @FORKS
 @pytest.mark.slow
-@pytest.mark.skipif(available_core_count() < 2, reason="one core, one thread")
+@pytest.mark.skipif(count_available_cores() < 2, reason="one core, one thread")
 def test_the_usual_number_of_threads_is_refused_too() -> None:
     assert len(ran(REFUSED, threads=0)) == 4

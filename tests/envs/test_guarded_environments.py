@@ -122,7 +122,9 @@ def test_a_reset_clears_the_guard_of_its_worlds_alone() -> None:
     assert guard.num_interventions[reset] == 0
     assert guard.num_interventions[other] == before[other]
     assert not guard.override_mask[reset]
-    assert_array_equal(guard._path[reset], np.tile(episodes.simulation.joint_positions()[reset], (150, 1)))
+    assert_array_equal(
+        guard._path[reset], np.tile(episodes.simulation.get_joint_positions()[reset], (150, 1))
+    )
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP])

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from avrgym.envs.lerobot_environment import LeRobotEnv
-from avrgym.policies.lerobot import state_features
+from avrgym.policies.lerobot import split_state_features
 from helpers.learning.lerobot_policies import has_modules, lerobot_python, run_lerobot
 from helpers.system.paths import ROOT
 
@@ -19,7 +19,7 @@ def test_observations_contain_the_environments_values(environment: str) -> None:
     converted = LeRobotEnv(environment, people="revised", episode_steps=2)
     original = gym.make(environment, people="revised")
     (found, _), (expected, _) = converted.reset(seed=3), original.reset(seed=3)
-    parts = state_features(converted.observed, expected.astype(np.float32))
+    parts = split_state_features(converted.observation_description, expected.astype(np.float32))
     assert_array_equal(found["agent_pos"], parts["observation.state"])
     assert_array_equal(found["environment_state"], parts["observation.environment_state"])
     action = np.full(7, 0.5, np.float32)

@@ -67,14 +67,14 @@ def test_a_task_may_have_its_own_number_of_particles(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize("count", [1, 64])
 def test_water_may_have_another_number_of_particles(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    cup = DRINKING.scene(ROBOTS["Jaco"]).tool
+    cup = DRINKING.make_scene(ROBOTS["Jaco"]).tool
     assert cup.particles is not None
     less = replace(cup, particles=replace(cup.particles, initial_pos=cup.particles.initial_pos[:count]))
     task = replace(
         DRINKING,
         name="Sip",
-        scene=lambda robot: replace(DRINKING.scene(robot), tool=less),
-        init_state=partial(reward.init_state, particles=count),
+        make_scene=lambda robot: replace(DRINKING.make_scene(robot), tool=less),
+        make_initial_task_state=partial(reward.make_initial_task_state, particles=count),
     )
     assert run(add(task, monkeypatch)).task_state.drunk.shape == (2, count)
 
@@ -84,7 +84,9 @@ def test_a_number_of_particles_that_differs_from_the_state_is_refused(
 ) -> None:
     feeding = registry.TASKS["Feeding"]
     three = replace(SPOON, particles=replace(FOOD, initial_pos=FOOD.initial_pos[:3]))
-    wrong = replace(feeding, name="Wrong", scene=lambda robot: replace(feeding.scene(robot), tool=three))
+    wrong = replace(
+        feeding, name="Wrong", make_scene=lambda robot: replace(feeding.make_scene(robot), tool=three)
+    )
     message = r"carries 3 particles, but the task state has 8; set .*partial\(init_state, particles=3\)"
     with pytest.raises(ValueError, match=message):
         run(add(wrong, monkeypatch))
@@ -92,6 +94,6 @@ def test_a_number_of_particles_that_differs_from_the_state_is_refused(
 
 def test_torso_heights_follow_from_standing_heights() -> None:
     page = (DOCS / "how_to" / "people.md").read_text()
-    medians = {"man": (1.755, MAN.torso_height), "woman": (1.625, WOMAN.torso_height)}
+    medians = {"man": (1.755, MAN.torso_height_m), "woman": (1.625, WOMAN.torso_height_m)}
     (found,) = re.findall(r"about ([\d.]+) \(men\) or ([\d.]+) \(women\) times the standing height", page)
     assert found == tuple(f"{torso_m / standing_m:.3f}" for standing_m, torso_m in medians.values())

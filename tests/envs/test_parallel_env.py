@@ -74,7 +74,7 @@ def test_a_human_who_does_nothing_is_the_static_person(environment, rng):
 def test_the_action_drives_the_joints_that_the_task_offers_and_no_others(environment):
     env = avrgym.parallel_env(environment)
     env.reset(seed=1)
-    angles = env.episodes.simulation.person_joint_angles_rad
+    angles = env.episodes.simulation.get_person_joint_angles_rad
     begin, still = angles()[0], np.zeros(7, np.float32)
     offered = [JOINT_INDEX[name] for name in env.human_joints]
     push = np.ones(len(offered), np.float32)
@@ -91,8 +91,8 @@ def test_the_action_drives_the_joints_that_the_task_offers_and_no_others(environ
 def test_people_observe_the_arm_that_they_offer(environment, arm):
     env = avrgym.parallel_env(environment)
     seen, _ = env.reset(seed=1)
-    arm_w = getattr(env.episodes.simulation.arm_poses(), f"{arm}_arm_pos_w")[0]
-    from_hips = np.linalg.norm(arm_w - env.episodes.simulation.hips_pose()[0], axis=-1)
+    arm_w = getattr(env.episodes.simulation.get_arm_poses(), f"{arm}_arm_pos_w")[0]
+    from_hips = np.linalg.norm(arm_w - env.episodes.simulation.get_hips_pose()[0], axis=-1)
     assert_allclose(np.linalg.norm(seen[HUMAN_AGENT][-11:-2].reshape(3, 3), axis=-1), from_hips, rtol=1e-5)
 
 
@@ -102,7 +102,7 @@ def test_no_action_drives_a_joint_where_it_cannot_go():
     for _ in range(60):
         env.step({ROBOT_AGENT: np.zeros(7, np.float32), HUMAN_AGENT: np.ones(6, np.float32)})
     share = env.episodes.people.range_share[0]
-    assert (env.episodes.simulation.person_joint_angles_rad()[0] <= share * UPPER_LIMITS_RAD + 0.03).all()
+    assert (env.episodes.simulation.get_person_joint_angles_rad()[0] <= share * UPPER_LIMITS_RAD + 0.03).all()
 
 
 def test_each_may_pay_for_its_own_effort():
@@ -156,16 +156,16 @@ def test_actions_that_cannot_be_are_refused_and_nothing_has_moved(changes, said)
     with pytest.raises(ResetNeeded):
         env.step({})
     env.reset(seed=0)
-    before = env.episodes.simulation.integration_state()
+    before = env.episodes.simulation.get_integration_state()
     with pytest.raises(ValueError, match=said):
         env.step({ROBOT_AGENT: np.zeros(7), HUMAN_AGENT: np.zeros(6)} | changes)
     with pytest.raises(ValueError, match="received actions for no agent"):
         env.step({})
-    assert_array_equal(env.episodes.simulation.integration_state(), before)
+    assert_array_equal(env.episodes.simulation.get_integration_state(), before)
 
 
 def test_a_task_that_wants_nothing_of_people_leaves_the_human_nothing_to_do(monkeypatch):
-    monkeypatch.setitem(TASKS, "Feeding", replace(TASKS["Feeding"], offered="nothing"))
+    monkeypatch.setitem(TASKS, "Feeding", replace(TASKS["Feeding"], offered_body_part="nothing"))
     env = avrgym.parallel_env(FEEDING, people="zoo/train", impairment="tremor")
     assert env.action_space(HUMAN_AGENT).shape == (0,)
     parallel_api_test(env, num_cycles=5)

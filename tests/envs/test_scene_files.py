@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
-from avrgym.envs.scene_files import MJB_FILE, MJCF_FILE, START_FILE, USD_FILE, write_scene, write_usd
+from avrgym.envs.scene_files import INITIAL_STATE_FILE, MJB_FILE, MJCF_FILE, USD_FILE, write_scene, write_usd
 from avrgym.models import human
 from avrgym.tasks.episodes import Episodes
 
@@ -29,7 +29,7 @@ def reset_episodes(environment: str, impairment: str = "none") -> Episodes:
 
 def at_start(model: mujoco.MjModel, folder: Path) -> mujoco.MjData:
     data = mujoco.MjData(model)
-    state = json.loads((folder / START_FILE).read_text())["integration_state"]
+    state = json.loads((folder / INITIAL_STATE_FILE).read_text())["integration_state"]
     mujoco.mj_setState(model, data, np.array(state), STATE)
     mujoco.mj_forward(model, data)
     return data
@@ -59,7 +59,7 @@ def test_the_mjcf_has_the_same_kinematics_and_begins_by_its_key(written: tuple[E
     np.testing.assert_allclose(data.xmat, expected.xmat, atol=SIX_DIGITS_M)
     np.testing.assert_allclose(model.body_mass, binary.body_mass, rtol=SIX_DIGITS_M)
     for geom in human.GEOMS:
-        name = human.PREFIX + geom
+        name = human.PERSON_NAME_PREFIX + geom
         np.testing.assert_allclose(model.geom(name).size, binary.geom(name).size, atol=SIX_DIGITS_M)
 
 
@@ -72,7 +72,7 @@ def test_the_mjcf_shows_person_and_robot_and_says_what_it_lacks(written: tuple[E
     binary = mujoco.MjModel.from_binary_path(str(folder / MJB_FILE))
     hips = binary.body("person/hips").id
     assert (binary.body_invweight0[hips, 0] > model.body_invweight0[hips, 0]).all()
-    assert json.loads((folder / START_FILE).read_text())["environment"] == episodes.environment_id
+    assert json.loads((folder / INITIAL_STATE_FILE).read_text())["environment"] == episodes.environment_id
 
 
 def test_the_mjb_steps_to_the_same_bits(written: tuple[Episodes, Path]) -> None:
@@ -85,7 +85,7 @@ def test_the_mjb_steps_to_the_same_bits(written: tuple[Episodes, Path]) -> None:
         mujoco.mj_step(model, data)
     state = np.empty(mujoco.mj_stateSize(model, STATE))
     mujoco.mj_getState(model, data, state, STATE)
-    np.testing.assert_array_equal(state, episodes.simulation.integration_state())
+    np.testing.assert_array_equal(state, episodes.simulation.get_integration_state())
 
 
 @pytest.mark.slow
@@ -102,7 +102,7 @@ def test_usd_shows_the_scene_where_it_stands(tmp_path: Path) -> None:
     assert len(of) > 50
     (face,) = (prim for name, prim in of.items() if "person_face" in name)
     head = mujoco.MjData(episodes.simulation.model)
-    head.qpos[:] = episodes.simulation.qpos(0)
+    head.qpos[:] = episodes.simulation.get_qpos(0)
     placed = episodes.simulation.batch.get_model(0)
     mujoco.mj_kinematics(placed, head)
     centre = head.body("person/head").xpos

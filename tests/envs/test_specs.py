@@ -13,12 +13,12 @@ from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_array_equal
 
 import avrgym
-from avrgym.envs.specs import to_plain_data
+from avrgym.envs.specs import to_json_types
 from avrgym.models.human import SEATED_POSE_RAD, Person
 
 FEEDING = "avrgym/FeedingJaco-v1"
 TALL = Person("man", 0.63, SEATED_POSE_RAD + np.linspace(0.0, 0.01, 20), "olive", 1.02)
-PLAIN = json.loads(json.dumps(to_plain_data(TALL)))
+PLAIN = json.loads(json.dumps(to_json_types(TALL)))
 ARGUMENTS: list[dict[str, Any]] = [
     {},
     {"people": "zoo/train/startled", "impairment": "tremor", "render_mode": "rgb_array"},
@@ -98,5 +98,5 @@ def test_whatever_is_given_becomes_plain() -> None:
         "count": np.int8(3),
         "two": (np.ones(2), None),
     }
-    assert to_plain_data(given) == {"path": "a/b", "mode": "Disabled", "count": 3, "two": [[1.0, 1.0], None]}
-    assert json.dumps(to_plain_data(given))
+    assert to_json_types(given) == {"path": "a/b", "mode": "Disabled", "count": 3, "two": [[1.0, 1.0], None]}
+    assert json.dumps(to_json_types(given))

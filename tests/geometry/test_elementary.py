@@ -70,7 +70,7 @@ EPISODE = """
 import hashlib
 import numpy as np
 from avrgym.tasks.episodes import Episodes
-from avrgym.policies.trained import load_policy
+from avrgym.policies.trained_policies import load_policy
 
 episodes = Episodes("avrgym/FeedingPR2-v1", 4, people="participants", num_threads=1)
 policy = load_policy("revised", "avrgym/FeedingPR2-v1", episodes.observation.size, 7)

@@ -6,11 +6,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.geometry import kinematics, transforms
-from avrgym.models.robot import robot_spec
-from avrgym.models.scene import robot_with_tool
-from avrgym.models.tools import BODY as TOOL_BODY
+from avrgym.models.robot import build_robot_spec
+from avrgym.models.scene import build_robot_with_tool_spec
+from avrgym.models.tools import TOOL_BODY as TOOL_BODY
 from avrgym.robots.jaco.robot import JACO
-from avrgym.tasks.placement import arm_chain
+from avrgym.tasks.placement import make_arm_chain
 from helpers.robots import jaco_xacro
 
 COUNT = 1000
@@ -19,13 +19,13 @@ COUNT = 1000
 @pytest.fixture(scope="module")
 def arm(feeding_scene) -> kinematics.Chain:
     """From the Jaco's base to the spoon."""
-    return arm_chain(feeding_scene)
+    return make_arm_chain(feeding_scene)
 
 
 @pytest.fixture(scope="module")
 def hand() -> kinematics.Chain:
     """From the Jaco's base to its end effector."""
-    model = robot_spec(JACO, JACO.arms["right"], appearance=False).compile()
+    model = build_robot_spec(JACO, JACO.arms["right"], appearance=False).compile()
     return kinematics.extract_chain(
         model, JACO.arms["right"].joints, JACO.base, JACO.arms["right"].end_effector
     )
@@ -63,7 +63,7 @@ def rotation_error(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def test_forward_is_that_of_mujoco(rng, feeding_scene, arm):
-    model = robot_with_tool(feeding_scene, appearance=False).compile()
+    model = build_robot_with_tool_spec(feeding_scene, appearance=False).compile()
     data = mujoco.MjData(model)
     angles = within_ranges(rng, arm)
     pos, q = np.empty((COUNT, 3)), np.empty((COUNT, 4))
@@ -91,12 +91,12 @@ def test_forward_is_that_of_mujoco_for_axes_of_any_direction(rng, any_chain):
 def test_the_tip_stays_within_reach_of_the_first_hinge(rng, any_chain):
     _, chain = any_chain
     pos, _ = kinematics.forward_kinematics(chain, rng.uniform(-4, 4, (COUNT, 8)))
-    assert np.linalg.norm(pos - chain.body_pos[0], axis=-1).max() < kinematics.reach_m(chain)
+    assert np.linalg.norm(pos - chain.body_pos[0], axis=-1).max() < kinematics.compute_max_reach_m(chain)
 
 
 def test_a_straight_arm_reaches_as_far_as_can_be():
     straight = chain_of_columns(np.array([[1.0, 0, 0], [2.0, 0, 0]]), np.array([[0, 0, 1.0]] * 2), 1.0)
-    assert kinematics.reach_m(straight) == 1.0 + 2.0
+    assert kinematics.compute_max_reach_m(straight) == 1.0 + 2.0
 
 
 def test_the_end_effector_is_where_the_public_description_has_it(rng, hand):
@@ -109,7 +109,7 @@ def test_the_end_effector_is_where_the_public_description_has_it(rng, hand):
 
 def test_the_jacobian_is_the_derivative(rng, arm):
     angles, step = within_ranges(rng, arm, 50), 1e-6
-    _, _, jacobian = kinematics.jacobian(arm, angles)
+    _, _, jacobian = kinematics.compute_jacobian(arm, angles)
     for joint in range(7):
         nudge = step * np.eye(7)[joint]
         above_pos, above_q = kinematics.forward_kinematics(arm, angles + nudge)
@@ -120,14 +120,14 @@ def test_the_jacobian_is_the_derivative(rng, arm):
 
 
 def test_a_chain_needs_its_joints_in_order():
-    model = robot_spec(JACO, JACO.arms["right"], appearance=False).compile()
+    model = build_robot_spec(JACO, JACO.arms["right"], appearance=False).compile()
     swapped = ("joint_2", "joint_1", *JACO.arms["right"].joints[2:])
     with pytest.raises(ValueError, match=r"are \('joint_1', 'joint_2', .*but \('joint_2', 'joint_1'"):
         kinematics.extract_chain(model, swapped, JACO.base, JACO.arms["right"].end_effector)
 
 
 def test_a_chain_needs_a_tip_that_the_base_carries():
-    model = robot_spec(JACO, JACO.arms["right"], appearance=False).compile()
+    model = build_robot_spec(JACO, JACO.arms["right"], appearance=False).compile()
     with pytest.raises(ValueError, match="'base' is not a descendant of 'link_3'"):
         kinematics.extract_chain(model, JACO.arms["right"].joints, "link_3", "base")
 
@@ -207,7 +207,7 @@ def test_angles_stay_within_the_ranges(rng, arm):
     """For any target and any start."""
     pos, q = rng.uniform(-2, 2, (200, 3)), transforms.normalize(rng.standard_normal((200, 4)))
     start = rng.uniform(-10, 10, (200, 7))
-    uniforms = rng.random((200, kinematics.num_restart_uniforms(7)))
+    uniforms = rng.random((200, kinematics.count_restart_random_numbers(7)))
     for angles in (
         kinematics.inverse_kinematics(arm, pos, q, start).joint_positions,
         kinematics.inverse_kinematics_with_restarts(arm, pos, q, seed_pose(), uniforms),
@@ -219,7 +219,7 @@ def test_angles_stay_within_the_ranges(rng, arm):
 
 def test_a_row_has_the_same_bits_alone_and_among_others(rng, arm):
     pos, q = kinematics.forward_kinematics(arm, within_ranges(rng, arm, 64))
-    uniforms = rng.random((64, kinematics.num_restart_uniforms(7)))
+    uniforms = rng.random((64, kinematics.count_restart_random_numbers(7)))
     together = kinematics.inverse_kinematics_with_restarts(arm, pos, q, seed_pose(), uniforms)
     for row in range(0, 64, 5):
         only = slice(row, row + 1)
@@ -232,12 +232,17 @@ def test_a_row_has_the_same_bits_alone_and_among_others(rng, arm):
 @pytest.mark.parametrize("precision", [np.float64, np.float32])
 def test_rows_that_wait_for_others_have_the_same_bits_alone(rng, arm, precision):
     """More rows than a block; some do not converge."""
-    count = kinematics.ROWS_PER_BLOCK + 500
+    count = kinematics.MAX_ROWS_PER_BATCH + 500
     pos, q = kinematics.forward_kinematics(arm, within_ranges(rng, arm, count))
     pos[::7] += 1.0
     start = np.tile(seed_pose(), (count, 1))
     together = kinematics.inverse_kinematics(arm, pos, q, start, iterations=12, precision=precision)
-    for rows in (slice(0, 1), slice(40, 49), slice(kinematics.ROWS_PER_BLOCK - 9, None), slice(3, None, 97)):
+    for rows in (
+        slice(0, 1),
+        slice(40, 49),
+        slice(kinematics.MAX_ROWS_PER_BATCH - 9, None),
+        slice(3, None, 97),
+    ):
         alone = kinematics.inverse_kinematics(
             arm, pos[rows], q[rows], start[rows], iterations=12, precision=precision
         )
@@ -270,7 +275,7 @@ def test_restarts_help_and_never_harm(rng, arm):
     """Whatever one search from the seed pose reaches, the search with restarts does; and it reaches more."""
     pos, q = kinematics.forward_kinematics(arm, within_ranges(rng, arm, 2 * COUNT))
     once = kinematics.inverse_kinematics(arm, pos, q, np.tile(seed_pose(), (2 * COUNT, 1))).joint_positions
-    uniforms = rng.random((2 * COUNT, kinematics.num_restart_uniforms(7)))
+    uniforms = rng.random((2 * COUNT, kinematics.count_restart_random_numbers(7)))
     with_restarts = kinematics.inverse_kinematics_with_restarts(arm, pos, q, seed_pose(), uniforms)
     before, after = reached(arm, once, pos, q), reached(arm, with_restarts, pos, q)
     assert (after | ~before).all()
@@ -286,10 +291,10 @@ def chain_of_columns(origins: np.ndarray, axes: np.ndarray, half_range_rad: floa
     count = len(origins)
     return kinematics.Chain(
         body_pos=np.diff(origins, axis=0, prepend=0.0),
-        body_q=np.tile(transforms.IDENTITY_QUATERNION, (count, 1)),
+        body_quat=np.tile(transforms.IDENTITY_QUATERNION, (count, 1)),
         joint_axis=axes,
         tip_pos=-origins[-1],
-        tip_q=transforms.IDENTITY_QUATERNION,
+        tip_quat=transforms.IDENTITY_QUATERNION,
         lower_limit=np.full(count, -half_range_rad),
         upper_limit=np.full(count, half_range_rad),
     )
@@ -311,12 +316,14 @@ def cross_of_hinges(arm_m: float, half_range_rad: float = np.inf) -> kinematics.
     ],
 )
 def test_isotropy_by_hand(arm_m, isotropy):
-    assert_allclose(kinematics.isotropy(cross_of_hinges(arm_m), np.zeros((1, 6))), isotropy, rtol=1e-12)
+    assert_allclose(
+        kinematics.compute_isotropy(cross_of_hinges(arm_m), np.zeros((1, 6))), isotropy, rtol=1e-12
+    )
 
 
 def test_equal_weights_do_not_matter_to_isotropy():
     """In the middle of all ranges the isotropy is that of hinges that turn freely."""
-    assert_allclose(kinematics.isotropy(cross_of_hinges(1.0, 2.0), np.zeros((1, 6))), 1.0, rtol=1e-12)
+    assert_allclose(kinematics.compute_isotropy(cross_of_hinges(1.0, 2.0), np.zeros((1, 6))), 1.0, rtol=1e-12)
 
 
 def test_isotropy_with_limits_by_hand():
@@ -326,7 +333,7 @@ def test_isotropy_with_limits_by_hand():
     lower[4:], upper[4:] = 0.0, 1.0
     limited = replace(chain, lower_limit=lower, upper_limit=upper)
     by_hand = (2.0**4 * 1.0**2) ** (1 / 6) / ((4 * 2.0 + 2 * 1.0) / 6)
-    assert_allclose(kinematics.isotropy(limited, np.zeros((1, 6))), by_hand, rtol=1e-12)
+    assert_allclose(kinematics.compute_isotropy(limited, np.zeros((1, 6))), by_hand, rtol=1e-12)
 
 
 def test_limit_weights_by_hand():
@@ -334,16 +341,16 @@ def test_limit_weights_by_hand():
     chain = chain_of_columns(np.zeros((1, 3)), np.array([[0.0, 0, 1]]), 2.0)
     angles = np.array([[-2.0], [2.0], [0.0], [1.9], [-1.9], [2.1], [-50.0]])
     by_hand = [0.5, 0.5, 1.0 - 0.5**21, 0.75, 0.75, 0.001, 0.001]
-    assert_allclose(kinematics.joint_limit_weights(chain, angles)[:, 0], by_hand, rtol=1e-9)
+    assert_allclose(kinematics.compute_joint_limit_weights(chain, angles)[:, 0], by_hand, rtol=1e-9)
 
 
 def test_isotropy_is_a_share_and_agrees_with_the_determinant(rng, arm):
     angles = within_ranges(rng, arm)
-    found = kinematics.isotropy(arm, angles)
+    found = kinematics.compute_isotropy(arm, angles)
     assert (found >= 0.0).all()
     assert (found <= 1.0).all()
-    _, _, j = kinematics.jacobian(arm, angles)
-    square = (j * kinematics.joint_limit_weights(arm, angles)[:, None]) @ j.swapaxes(-1, -2)
+    _, _, j = kinematics.compute_jacobian(arm, angles)
+    square = (j * kinematics.compute_joint_limit_weights(arm, angles)[:, None]) @ j.swapaxes(-1, -2)
     by_numpy = np.linalg.det(square) ** (1 / 6) / (np.trace(square, axis1=-2, axis2=-1) / 6)
     assert_allclose(found, by_numpy, rtol=1e-6)
 
@@ -351,10 +358,12 @@ def test_isotropy_is_a_share_and_agrees_with_the_determinant(rng, arm):
 def test_a_singular_arm_has_no_isotropy():
     """Hinges that all turn about one axis."""
     chain = chain_of_columns(np.zeros((7, 3)), np.tile([0.0, 0.0, 1.0], (7, 1)), 2.0)
-    assert_allclose(kinematics.isotropy(chain, np.zeros((1, 7))), 0.0, atol=1e-3)
+    assert_allclose(kinematics.compute_isotropy(chain, np.zeros((1, 7))), 0.0, atol=1e-3)
 
 
 def test_isotropy_has_the_same_bits_alone_and_among_others(rng, arm):
     angles = within_ranges(rng, arm, 40)
-    together = kinematics.isotropy(arm, angles)
-    assert_array_equal(np.concatenate([kinematics.isotropy(arm, row[None]) for row in angles]), together)
+    together = kinematics.compute_isotropy(arm, angles)
+    assert_array_equal(
+        np.concatenate([kinematics.compute_isotropy(arm, row[None]) for row in angles]), together
+    )

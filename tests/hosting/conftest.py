@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, expect, sync_playwright
 
-from avrgym.hosting.capacity import Capacity
-from avrgym.hosting.host import Host
-from avrgym.study.storage.store import Store
+from avrgym.hosting.capacity import SessionCapacity
+from avrgym.hosting.host import StudyHost
+from avrgym.study.storage.store import StudyStore
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from helpers.browser.journey import TIMEOUT_S
 from helpers.hosting.served_host import Served
@@ -20,8 +20,12 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     (folder / "host.toml").write_text(
         'headset_check = false\n[completed]\ncode = "DONE"\n[screened_out]\ncode = "OUT"\n[withdrawn]\ncode = "LEFT"\n'
     )
-    with pytest.MonkeyPatch.context() as patch, Store(folder) as store, Host(store, max_sessions=3) as host:
-        patch.setattr(Capacity, "idle_cores", None)  # other tests use the processors
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        StudyStore(folder) as store,
+        StudyHost(store, max_sessions=3) as host,
+    ):
+        patch.setattr(SessionCapacity, "idle_cores", None)  # other tests use the processors
         yield Served(host)
 
 

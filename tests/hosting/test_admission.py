@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.hosting.capacity import INITIAL_CPU_SHARE, Capacity, IdleCoreMonitor
+from avrgym.hosting.capacity import INITIAL_SESSION_CPU_LOAD, IdleCoreMonitor, SessionCapacity
 from avrgym.hosting.headset_codes import CODE_VALIDITY_S, MAX_WRONG_CODES_PER_MINUTE, HeadsetCodes
-from avrgym.hosting.rate_limits import RateLimits, client_address
+from avrgym.hosting.rate_limits import RateLimits, find_client_address
 from avrgym.hosting.settings import HostSettings, read_host_settings
 from avrgym.hosting.waiting_list import PRESENCE_TIMEOUT_S, WaitingList, estimate_wait_s
-from avrgym.study.design.validation import DesignError
+from avrgym.study.design.toml_validation import DesignError
 from avrgym.vr.server.session_links import CodeError, TooManyWrongCodesError
 
 
@@ -21,32 +21,34 @@ class Clock:
         return self.now_s
 
 
-def report(capacity: Capacity, session: str, cpu_share: float, missed_per_s: int, seconds: int = 40) -> None:
+def report(
+    capacity: SessionCapacity, session: str, cpu_share: float, missed_per_s: int, seconds: int = 40
+) -> None:
     for second in range(seconds):
-        capacity.observe(session, float(second), cpu_share, missed_per_s * second, in_trial=True)
-        capacity.observe(session, float(second), 0.9, missed_per_s * second, in_trial=False)
+        capacity.add_session_report(session, float(second), cpu_share, missed_per_s * second, in_trial=True)
+        capacity.add_session_report(session, float(second), 0.9, missed_per_s * second, in_trial=False)
 
 
 def test_capacity_follows_the_measured_processor_time() -> None:
-    capacity = Capacity(cores=8)
-    assert capacity.cpu_share == INITIAL_CPU_SHARE
+    capacity = SessionCapacity(cores=8)
+    assert capacity.session_cpu_load == INITIAL_SESSION_CPU_LOAD
     report(capacity, "a", 0.1, 0)
-    assert (capacity.cpu_share, capacity.sessions) == (pytest.approx(0.1), 64)
+    assert (capacity.session_cpu_load, capacity.max_sessions) == (pytest.approx(0.1), 64)
     report(capacity, "b", 0.3, 0)
-    assert (capacity.cpu_share, capacity.sessions) == (pytest.approx(0.2), 32)
-    capacity.forget("a")
-    assert capacity.cpu_share == pytest.approx(0.2)
-    assert Capacity(cores=1).admits(0)
+    assert (capacity.session_cpu_load, capacity.max_sessions) == (pytest.approx(0.2), 32)
+    capacity.remove_session("a")
+    assert capacity.session_cpu_load == pytest.approx(0.2)
+    assert SessionCapacity(cores=1).can_start_session(0)
 
 
 @pytest.mark.parametrize(("missed_per_s", "admitted"), [(0, True), (1, False)])
 def test_no_session_is_admitted_while_ticks_are_given_up(missed_per_s: int, admitted: bool) -> None:
-    capacity = Capacity(cores=8)
+    capacity = SessionCapacity(cores=8)
     report(capacity, "a", 0.1, missed_per_s)
-    assert capacity.missed_share == pytest.approx(0.01 * missed_per_s)
-    assert capacity.admits(1) is admitted
-    assert capacity.admits(0)
-    assert not capacity.admits(capacity.sessions)
+    assert capacity.missed_tick_fraction == pytest.approx(0.01 * missed_per_s)
+    assert capacity.can_start_session(1) is admitted
+    assert capacity.can_start_session(0)
+    assert not capacity.can_start_session(capacity.max_sessions)
 
 
 def test_no_session_is_admitted_while_other_programs_use_the_processors(tmp_path: Path) -> None:
@@ -65,13 +67,17 @@ def test_no_session_is_admitted_while_other_programs_use_the_processors(tmp_path
     clock.now_s = 6.5
     assert measure(700, 300) is None
     clock.now_s = 7.5
-    capacity = Capacity(cores=4)
-    report(capacity, "a", INITIAL_CPU_SHARE, 0)
-    capacity.observe("a", 40.0, INITIAL_CPU_SHARE, 0, in_trial=True, idle_cores=measure(1100, 300))
+    capacity = SessionCapacity(cores=4)
+    report(capacity, "a", INITIAL_SESSION_CPU_LOAD, 0)
+    capacity.add_session_report(
+        "a", 40.0, INITIAL_SESSION_CPU_LOAD, 0, in_trial=True, idle_cores=measure(1100, 300)
+    )
     assert capacity.idle_cores == 0.0
-    assert [capacity.admits(running) for running in (0, 1)] == [True, False]
-    capacity.observe("a", 41.0, INITIAL_CPU_SHARE, 0, in_trial=True, idle_cores=2.5 * INITIAL_CPU_SHARE)
-    assert [capacity.admits(2, young) for young in (0, 1, 2)] == [True, True, False]
+    assert [capacity.can_start_session(running) for running in (0, 1)] == [True, False]
+    capacity.add_session_report(
+        "a", 41.0, INITIAL_SESSION_CPU_LOAD, 0, in_trial=True, idle_cores=2.5 * INITIAL_SESSION_CPU_LOAD
+    )
+    assert [capacity.can_start_session(2, young) for young in (0, 1, 2)] == [True, True, False]
 
 
 def test_waiting_time_follows_the_ends_of_running_sessions() -> None:
@@ -92,41 +98,45 @@ def test_waiting_participants_keep_their_order_and_absent_ones_leave() -> None:
         waiting.join(name, 0.0)
     waiting.join("a", PRESENCE_TIMEOUT_S)
     waiting.join("c", PRESENCE_TIMEOUT_S)
-    assert [waiting.position(name) for name in ("a", "b", "c")] == [0, 1, 2]
+    assert [waiting.count_participants_ahead(name) for name in ("a", "b", "c")] == [0, 1, 2]
     waiting.remove_absent(PRESENCE_TIMEOUT_S)
-    assert (waiting.next(), waiting.position("c"), "b" in waiting) == ("a", 1, False)
+    assert (waiting.find_next_present(), waiting.count_participants_ahead("c"), "b" in waiting) == (
+        "a",
+        1,
+        False,
+    )
     waiting.leave("a")
     waiting.leave("c")
-    assert waiting.next() is None
+    assert waiting.find_next_present() is None
 
 
 def test_codes_are_valid_once_and_for_minutes() -> None:
     clock = Clock()
     codes = HeadsetCodes(clock)
-    first = codes.new("token")
-    second = codes.new("token")
+    first = codes.create_code("token")
+    second = codes.create_code("token")
     with pytest.raises(CodeError):
-        codes.exchange(first)
-    assert codes.exchange(second) == "token"
+        codes.exchange_code(first)
+    assert codes.exchange_code(second) == "token"
     with pytest.raises(CodeError):
-        codes.exchange(second)
-    third = codes.new("token")
+        codes.exchange_code(second)
+    third = codes.create_code("token")
     clock.now_s = CODE_VALIDITY_S
     with pytest.raises(CodeError):
-        codes.exchange(third)
+        codes.exchange_code(third)
 
 
 def test_wrong_codes_are_limited_also_for_a_right_one() -> None:
     clock = Clock()
     codes = HeadsetCodes(clock)
-    code = codes.new("token")
+    code = codes.create_code("token")
     for _ in range(MAX_WRONG_CODES_PER_MINUTE):
         with pytest.raises(CodeError):
-            codes.exchange("x")
+            codes.exchange_code("x")
     with pytest.raises(TooManyWrongCodesError):
-        codes.exchange(code)
+        codes.exchange_code(code)
     clock.now_s = 61.0
-    assert codes.exchange(code) == "token"
+    assert codes.exchange_code(code) == "token"
 
 
 def test_requests_are_limited_by_key() -> None:
@@ -149,7 +159,7 @@ def test_requests_are_limited_by_key() -> None:
 )
 def test_only_proxies_state_the_address_of_a_client(peer: str, forwarded: str, expected: str) -> None:
     scope = {"type": "http", "client": (peer, 1), "headers": [(b"x-forwarded-for", forwarded.encode())]}
-    assert client_address(scope, ("10.0.0.1", "10.0.0.2")) == expected
+    assert find_client_address(scope, ("10.0.0.1", "10.0.0.2")) == expected
 
 
 def test_settings_of_a_host(tmp_path: Path) -> None:

@@ -14,9 +14,9 @@ import yaml
 from typer.testing import CliRunner
 
 from avrgym.cli import app
-from avrgym.study.storage.database import DATABASE_URL_VARIABLE, database_url
+from avrgym.study.storage.database import DATABASE_URL_VARIABLE, find_database_url
 from avrgym.study.storage.object_store import OBJECT_STORE_VARIABLE, open_object_store
-from avrgym.vr.server.addresses import DEFAULT_PORT
+from avrgym.vr.server.network_addresses import DEFAULT_PORT
 from avrgym.vr.server.real_time_loop import REAL_TIME_PRIORITY
 from helpers.studies.small_studies import small_study
 from helpers.system.paths import ROOT
@@ -78,7 +78,7 @@ def test_the_host_uses_the_addresses_and_passwords_of_the_services(
         OBJECT_STORE_VARIABLE,
     }
     database, recordings = services["database"], services["recordings"]
-    assert database_url("").endswith(
+    assert find_database_url("").endswith(
         f":{database['environment']['POSTGRES_PASSWORD']}@{published(database)}/"
         f"{database['environment']['POSTGRES_DB']}"
     )

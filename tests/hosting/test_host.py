@@ -10,11 +10,11 @@ import pytest
 
 from avrgym.hosting import participant_app, session_pool
 from avrgym.hosting.data_requests import DeletionThread
-from avrgym.hosting.host import Host
+from avrgym.hosting.host import StudyHost
 from avrgym.study.storage.sessions import open_session
-from avrgym.study.storage.states import LostConnectionError
-from avrgym.study.storage.store import Store, change_state
-from avrgym.vr.protocol.messages import Language, Phase, Problem, Welcome
+from avrgym.study.storage.state_transitions import LostConnectionError
+from avrgym.study.storage.store import StudyStore, change_state
+from avrgym.vr.protocol.messages import Language, PhaseDescription, Problem, Welcome
 from helpers.hosting.served_host import Served, first, wait_until
 from helpers.studies.small_studies import run_trial, small_study
 
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow
 
 def test_way_of_a_participant_from_the_invitation_to_the_session(served: Served) -> None:
     """Each step is stored, and each later step is refused before it."""
-    store: Store = served.host.store
+    store: StudyStore = served.host.store
     answer = served.post("invitation", token=served.invite())
     assert answer.json()["title"] == store.design.title
     pseudonym, token = served.enrol()
@@ -34,7 +34,7 @@ def test_way_of_a_participant_from_the_invitation_to_the_session(served: Served)
     assert changed.status_code == 409
     agreed = {"version": shown["version"], "sha256": shown["sha256"], "agreed": True}
     assert served.post("consent", token, **agreed).status_code == 204
-    (consent,) = store.consents(pseudonym)
+    (consent,) = store.read_consents(pseudonym)
     assert (consent.sha256, consent.version) == (shown["sha256"], shown["version"])
     questions = served.stage(token)["questions"]
     assert [each[0] for each in questions] == [each.id for each in store.design.inclusion]
@@ -54,7 +54,7 @@ def test_endings_have_their_own_codes(served: Served) -> None:
     declined = {"version": shown["version"], "sha256": shown["sha256"], "agreed": False}
     assert served.post("consent", token, **declined).status_code == 204
     assert served.stage(token) == {"type": "ended", "ending": "withdrawn", "code": "LEFT", "redirect": ""}
-    assert served.host.store.participant(pseudonym).state == "withdrawn"
+    assert served.host.store.read_participant(pseudonym).state == "withdrawn"
     _, other = served.enrol()
     shown = served.stage(other)
     served.post("consent", other, version=shown["version"], sha256=shown["sha256"], agreed=True)
@@ -74,32 +74,36 @@ def test_data_are_deleted_on_request_while_no_session_runs(served: Served) -> No
     assert served.post("deletion", token).status_code == 204
     assert served.stage(token)["ending"] == "withdrawn"
     DeletionThread(store, served.host.pool).poll()
-    assert [each.number for each in store.deleted_participants()] == [int(pseudonym.removeprefix("sub-"))]
+    assert [each.number for each in store.read_deleted_participants()] == [
+        int(pseudonym.removeprefix("sub-"))
+    ]
     wait_until(
         lambda: served.request("GET", "/api/stage", token).status_code == 401, "the token becomes invalid"
     )
-    assert store.database.find_faults() == []
+    assert store.database.find_integrity_errors() == []
 
 
 def test_killed_session_is_replaced_with_the_same_link(served: Served) -> None:
     session, token = served.start()
-    with served.connect(session.id, session.link) as socket:
+    with served.connect(session.id, session.link_token) as socket:
         welcome = first(socket)
         assert isinstance(welcome, Welcome)
         assert welcome.session == f"{session.pseudonym} ses-01"
         os.kill(session.process.pid or 0, signal.SIGKILL)
-    wait_until(lambda: session.crashes == 1 and session.address, "the process is replaced")
+    wait_until(lambda: session.crashes == 1 and session.server_address, "the process is replaced")
     assert served.stage(token)["path"] == f"session/{session.id}/"
-    with served.connect(session.id, session.link) as socket:
+    with served.connect(session.id, session.link_token) as socket:
         welcome = first(socket)
         assert isinstance(welcome, Welcome)
         assert welcome.session == f"{session.pseudonym} ses-02"
-    states = [each.state for each in served.host.store.sessions(session.pseudonym)]
+    states = [each.state for each in served.host.store.read_sessions(session.pseudonym)]
     assert states == ["interrupted", "open"]
     served.post("withdrawal", token)
-    wait_until(lambda: served.host.pool.session_of(session.pseudonym) is None, "the session ends")
+    wait_until(
+        lambda: served.host.pool.find_participant_session(session.pseudonym) is None, "the session ends"
+    )
     assert served.stage(token)["code"] == "LEFT"
-    assert served.host.store.database.find_faults() == []
+    assert served.host.store.database.find_integrity_errors() == []
 
 
 def test_participant_is_completed_after_a_crash_at_the_end(served: Served) -> None:
@@ -107,13 +111,13 @@ def test_participant_is_completed_after_a_crash_at_the_end(served: Served) -> No
     store = served.host.store
     pseudonym, token = served.admit()
     session = open_session(store, pseudonym)
-    for trial in store.remaining_trials(pseudonym):
+    for trial in store.read_remaining_trials(pseudonym):
         run_trial(store, session, trial, simulated=False)
     with store.database.write_transaction() as connection:
         change_state(connection, session, "interrupted", {"session": session.id})
-    assert store.participant(pseudonym).state == "allocated"
+    assert store.read_participant(pseudonym).state == "allocated"
     assert served.stage(token)["code"] == "DONE"
-    assert store.participant(pseudonym).state == "completed"
+    assert store.read_participant(pseudonym).state == "completed"
 
 
 def test_waiting_and_absent_participants(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,14 +129,19 @@ def test_waiting_and_absent_participants(served: Served, monkeypatch: pytest.Mon
     assert served.post("waiting-list", waiting).status_code == 204
     stage = served.stage(waiting)
     assert (stage["type"], stage["ahead"]) == ("waiting", 0)
-    assert 1 <= stage["minutes"] <= pool.session_s / 60.0 + 1.0
-    session.absent_since_s = session_pool.time.monotonic() - 3600.0
-    wait_until(lambda: pool.session_of(session.pseudonym) is None, "the session of the absent person ends")
-    assert served.host.store.sessions(session.pseudonym)[0].state == "closed"
+    assert 1 <= stage["minutes"] <= pool.estimated_session_duration_s / 60.0 + 1.0
+    session.absence_start_time_s = session_pool.time.monotonic() - 3600.0
+    wait_until(
+        lambda: pool.find_participant_session(session.pseudonym) is None,
+        "the session of the absent person ends",
+    )
+    assert served.host.store.read_sessions(session.pseudonym)[0].state == "closed"
     assert served.stage(token)["type"] == "ready"
-    own = wait_until(lambda: pool.session_of(pseudonym), "the session of the waiting person starts")
+    own = wait_until(
+        lambda: pool.find_participant_session(pseudonym), "the session of the waiting person starts"
+    )
     served.post("withdrawal", waiting)
-    wait_until(lambda: pool.find(own.id) is None, "the session ends")
+    wait_until(lambda: pool.find_session(own.id) is None, "the session ends")
 
 
 def test_experimenter_sees_and_commands_all_sessions(served: Served) -> None:
@@ -147,12 +156,12 @@ def test_experimenter_sees_and_commands_all_sessions(served: Served) -> None:
     def view() -> dict:
         return served.request("GET", "/api/sessions", experimenter, experimenter=True).json()
 
-    with served.connect(session.id, session.link) as participant:
+    with served.connect(session.id, session.link_token) as participant:
         wait_until(lambda: session.report.is_connected, "the participant is connected")
         (shown,) = [each for each in view()["sessions"] if each["id"] == session.id]
         assert (shown["participant"], shown["phase"], shown["trials"]) == (session.pseudonym, "waiting", 5)
         assert shown["warnings"] == []
-        assert view()["participants"] == Counter(each.state for each in served.host.store.participants())
+        assert view()["participants"] == Counter(each.state for each in served.host.store.read_participants())
         with served.connect(session.id, experimenter, "watch", experimenter=True) as watch:
             assert isinstance(first(watch), Welcome)
         assert ask("POST", f"/api/sessions/{session.id}/message", text="Please sit down") == 204
@@ -162,23 +171,23 @@ def test_experimenter_sees_and_commands_all_sessions(served: Served) -> None:
         assert heard[-1].message == "Please sit down"
         assert any(isinstance(each, Language) for each in heard)
         assert ask("POST", f"/api/sessions/{session.id}/end") == 204
-        while not isinstance(heard[-1], Phase) or heard[-1].name != "finished":
+        while not isinstance(heard[-1], PhaseDescription) or heard[-1].name != "finished":
             heard.append(first(participant))
-    wait_until(lambda: served.host.pool.find(session.id) is None, "the session ends")
+    wait_until(lambda: served.host.pool.find_session(session.id) is None, "the session ends")
     assert ask("POST", f"/api/sessions/{session.id}/end") == 409
     assert ask("POST", "/api/door", is_open=False) == 204
     assert served.stage(token)["is_open"] is False
     assert served.post("waiting-list", token).status_code == 409
     assert served.post("invitation", token=served.invite()).json()["reason"] == "closed"
     assert ask("POST", "/api/door", is_open=True) == 204
-    names = {each.action for each in served.host.store.audit_log()}
+    names = {each.action for each in served.host.store.read_audit_log()}
     assert {"end session", "send message", "close door", "open door"} <= names
 
 
 def test_requests_of_an_address_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Wrong invitations and codes count together; a right invitation is refused too."""
-    monkeypatch.setattr(participant_app, "BURST_PER_ADDRESS", 5)
-    with Store(small_study(tmp_path / "study")) as store, Host(store) as host:
+    monkeypatch.setattr(participant_app, "MAX_ADDRESS_BURST_REQUESTS", 5)
+    with StudyStore(small_study(tmp_path / "study")) as store, StudyHost(store) as host:
         limited = Served(host)
         wrong = [limited.post("invitation", token="x").status_code for _ in range(6)]
         assert wrong == [403] * 5 + [429]
@@ -193,14 +202,14 @@ def test_requests_are_repeated_when_the_connection_to_the_database_is_lost(
     _, token = served.enrol()
     shown = served.stage(token)
     lost = ["stage", "consent"]
-    known = participant_app.stage_of
+    known = participant_app.find_stage
 
     def lose_connection(*arguments: Any, **options: Any) -> Any:
         if lost:
             raise LostConnectionError(lost.pop(0))
         return known(*arguments, **options)
 
-    monkeypatch.setattr(participant_app, "stage_of", lose_connection)
+    monkeypatch.setattr(participant_app, "find_stage", lose_connection)
     assert served.stage(token) == shown
     lost = ["consent"]
     agreed = {"version": shown["version"], "sha256": shown["sha256"], "agreed": True}

@@ -11,13 +11,13 @@ from starlette.routing import Mount
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.sync.client import ClientConnection
 
-from avrgym.hosting.host import Host
-from avrgym.hosting.participant_app import ACTIONS
+from avrgym.hosting.host import StudyHost
+from avrgym.hosting.participant_app import PARTICIPANT_ACTIONS
 from avrgym.hosting.rate_limits import RateLimits
 from avrgym.hosting.session_pool import HostedSession
-from avrgym.study.storage.database import Database
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.database import StudyDatabase
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from avrgym.vr.protocol.messages import Problem, Welcome
 from avrgym.vr.server import connection_limits
 from helpers.hosting.served_host import Served, first, wait_until
@@ -59,7 +59,7 @@ def test_each_route_refuses_every_other_token(
 ) -> None:
     """Tokens of other roles, of another study and of ended links open nothing."""
     session, own = running
-    with Store(small_study(tmp_path / "other")) as other_study, Host(other_study) as other_host:
+    with StudyStore(small_study(tmp_path / "other")) as other_study, StudyHost(other_study) as other_host:
         other = Served(other_host)
         _, foreign = other.enrol()
         tokens = other_host.tokens
@@ -73,9 +73,9 @@ def test_each_route_refuses_every_other_token(
         }
         for_public = wrong | {
             "experimenter": served.host.tokens.experimenter,
-            "link of a session": session.link,
+            "link of a session": session.link_token,
         }
-        for_experimenter = wrong | {"participant": own, "link of a session": session.link}
+        for_experimenter = wrong | {"participant": own, "link of a session": session.link_token}
         checked = 0
         for experimenter, given in ((False, for_public), (True, for_experimenter)):
             server = served.host._experimenter if experimenter else served.host._public
@@ -123,7 +123,15 @@ def test_sockets_open_only_with_the_link_of_their_session(
 ) -> None:
     session, own = running
     other, other_own = served.start()
-    for token in ("", "A" * 22, own, other.link, other_own, served.host.tokens.experimenter, served.invite()):
+    for token in (
+        "",
+        "A" * 22,
+        own,
+        other.link_token,
+        other_own,
+        served.host.tokens.experimenter,
+        served.invite(),
+    ):
         with served.connect(session.id, token) as opened:
             assert refused(opened) in (4401, 4403, 4410, 4411), token
     for path, experimenter in ((("watch"), False), (("ws"), True)):
@@ -132,12 +140,12 @@ def test_sockets_open_only_with_the_link_of_their_session(
             served.connect(session.id, served.host.tokens.experimenter, path, experimenter=experimenter),
         ):
             pass
-    with pytest.raises(InvalidHandshake), served.connect("0" * 24, session.link):
+    with pytest.raises(InvalidHandshake), served.connect("0" * 24, session.link_token):
         pass
-    with served.connect(session.id, session.link, "watch", experimenter=True) as opened:
+    with served.connect(session.id, session.link_token, "watch", experimenter=True) as opened:
         assert refused(opened) == 4403
     served.post("withdrawal", other_own)
-    wait_until(lambda: served.host.pool.find(other.id) is None, "the session ends")
+    wait_until(lambda: served.host.pool.find_session(other.id) is None, "the session ends")
 
 
 @pytest.mark.parametrize(
@@ -155,7 +163,7 @@ def test_other_origins_and_hosts_are_refused(
     if "Origin" in headers:
         with (
             pytest.raises(InvalidHandshake),
-            served.connect(session.id, session.link, additional_headers=headers),
+            served.connect(session.id, session.link_token, additional_headers=headers),
         ):
             pass
 
@@ -192,7 +200,7 @@ def test_paths_do_not_leave_their_folders(
     served: Served, running: tuple[HostedSession, str], path: str
 ) -> None:
     session, _ = running
-    answer = served.request("GET", path.replace("{id}", session.id), session.link)
+    answer = served.request("GET", path.replace("{id}", session.id), session.link_token)
     assert answer.status_code in (404, 400, 403)
 
 
@@ -203,10 +211,10 @@ def test_session_continues_while_thousands_of_idle_connections_come(
     time at which unused connections are closed."""
     session, own = running
     monkeypatch.setattr(connection_limits, "IDLE_CONNECTION_TIMEOUT_S", 1.0)
-    with served.connect(session.id, session.link) as opened, ExitStack() as many:
+    with served.connect(session.id, session.link_token) as opened, ExitStack() as many:
         assert isinstance(first(opened), Welcome)
         for number in range(2000):
-            idle = many.enter_context(socket.create_connection(("127.0.0.1", served.host.port)))
+            idle = many.enter_context(socket.create_connection(("127.0.0.1", served.host.public_port)))
             if number % 2:
                 idle.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\nX-Slow: ")
         assert served.stage(own)["type"] == "session"
@@ -224,7 +232,7 @@ def test_session_continues_with_a_client_that_does_not_read(
     spectator = served.host.tokens.spectator
     with (
         served.connect(session.id, spectator, "watch", experimenter=True, max_queue=1),
-        served.connect(session.id, session.link) as opened,
+        served.connect(session.id, session.link_token) as opened,
     ):
         assert isinstance(first(opened), Welcome)
         ends_s = time.monotonic() + 3.0
@@ -244,8 +252,8 @@ def test_tokens_are_checked_without_the_database(
         raise StudyError("a query")
 
     with monkeypatch.context() as patch:
-        patch.setattr(Database, "read_transaction", refuse)
-        assert [tokens.client_of_token(each) is not None for each in (own, "A" * 22)] == [True, False]
+        patch.setattr(StudyDatabase, "read_transaction", refuse)
+        assert [tokens.find_client_by_token(each) is not None for each in (own, "A" * 22)] == [True, False]
 
 
 @pytest.mark.parametrize("body", [b"", b"{", b"[]", b'{"x": 1}', b"[" * 5000, b'"' + b"a" * 9000 + b'"'])
@@ -253,15 +261,15 @@ def test_malformed_bodies_are_refused(
     served: Served, running: tuple[HostedSession, str], body: bytes
 ) -> None:
     _, own = running
-    for name in ("invitation", "participants", "headset", *ACTIONS):
+    for name in ("invitation", "participants", "headset", *PARTICIPANT_ACTIONS):
         answer = served.request("POST", f"/api/{name}", own, json=None, content=body, headers=JSON_BODY)
         assert 400 <= answer.status_code < 500, name
 
 
 def test_only_the_public_address_is_an_origin_behind_a_proxy(tmp_path: Path) -> None:
     with (
-        Store(small_study(tmp_path / "study")) as store,
-        Host(store, address="https://Study.example", proxies=("127.0.0.1",)) as host,
+        StudyStore(small_study(tmp_path / "study")) as store,
+        StudyHost(store, address="https://Study.example", proxies=("127.0.0.1",)) as host,
     ):
         hosted = Served(host)
         token = hosted.invite()
@@ -282,14 +290,14 @@ def test_connections_of_one_address_behind_a_proxy_are_limited(
     """Requests with a slow body: the oldest of the same address ends, and one of another address does not."""
     monkeypatch.setattr(connection_limits, "MAX_UNAUTHENTICATED_CONNECTIONS", 16)
     with (
-        Store(small_study(tmp_path / "study")) as store,
-        Host(store, address="https://study.example", proxies=("127.0.0.1",)) as host,
+        StudyStore(small_study(tmp_path / "study")) as store,
+        StudyHost(store, address="https://study.example", proxies=("127.0.0.1",)) as host,
         ExitStack() as opened,
     ):
 
         def begin_request(address: str) -> socket.socket:
             connection = opened.enter_context(
-                socket.create_connection(("127.0.0.1", host.port), timeout=10.0)
+                socket.create_connection(("127.0.0.1", host.public_port), timeout=10.0)
             )
             headers = "Host: study.example\r\nContent-Type: application/json\r\nContent-Length: 100\r\n"
             head = f"POST /api/invitation HTTP/1.1\r\n{headers}X-Forwarded-For: {address}\r\n\r\n"

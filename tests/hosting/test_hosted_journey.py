@@ -5,14 +5,14 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, ViewportSize, expect
 
-from avrgym.hosting.computers import ThisComputer
-from avrgym.hosting.host import Host
-from avrgym.study.checking.checks import check_study
-from avrgym.study.storage.store import Store
+from avrgym.hosting.computers import LocalComputer
+from avrgym.hosting.host import StudyHost
+from avrgym.study.checking.study_checks import check_study
+from avrgym.study.storage.store import StudyStore
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.texts.interface_texts import ENGLISH_TEXTS
 from avrgym.vr.emulation.emulated_headset import (
-    DONE_BUTTON,
+    DONE_BUTTON_VALUE,
     EmulatedHeadset,
 )
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
@@ -74,10 +74,10 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_participant_at_home_from_the_link_to_the_code(folder: Path, browser: Browser) -> None:
-    headset, computer = HomeHeadset(browser), ThisComputer(run_slow_session)
-    with Store(folder) as store, Host(store, computers=lambda: [computer]) as host:
+    headset, computer = HomeHeadset(browser), LocalComputer(run_slow_session)
+    with StudyStore(folder) as store, StudyHost(store, computers=lambda: [computer]) as host:
         served = Served(host)
-        headset.page.goto(f"{host.origin}/?emulate=1#invitation={served.invite()}")
+        headset.page.goto(f"{host.public_url}/?emulate=1#invitation={served.invite()}")
         headset.choose("host_take_part")
         headset.choose("host_agree")
         for question in store.design.inclusion:
@@ -94,9 +94,9 @@ def test_participant_at_home_from_the_link_to_the_code(folder: Path, browser: Br
         headset.page.get_by_role("link", name=TEXTS["host_own_page"]).dispatch_event("click")
         expect(headset.page.get_by_text(TEXTS["host_your_code"].format(code="DONE-7"))).to_be_visible()
         assert violations(headset.page) == []
-        assert [each.state for each in store.participants()] == ["completed"]
-        assert {each.item: each.value for each in store.answers("sub-001")} == ANSWERS
-        check = store.sessions("sub-001")[-1].latest_headset_check
+        assert [each.state for each in store.read_participants()] == ["completed"]
+        assert {each.item: each.value for each in store.read_answers("sub-001")} == ANSWERS
+        check = store.read_sessions("sub-001")[-1].latest_headset_check
         assert check is not None
         assert (check.vibration_felt, check.sound_heard, check.stop_method) == (True, True, "button")
         assert [each for each in check_study(store) if each.is_error] == []
@@ -106,7 +106,7 @@ def pass_headset_check(headset: EmulatedHeadset) -> None:
     """Enter VR, and answer the questions of the headset check."""
     participant = SimulatedParticipant(sample_participant_traits("woman", 5), 5)
     headset.page.wait_for_function("() => window.avrgymEmulator !== undefined")
-    headset.set_poses(participant.tracking_frame(0.0, moving=False))
+    headset.set_poses(participant.make_tracking_frame(0.0, moving=False))
     headset.enter_vr()
     finish_phases(headset, "headset")
     headset.page.wait_for_function("() => window.avrgymEmulator.phase().name === 'headset_stop'")
@@ -119,17 +119,17 @@ def pass_headset_check(headset: EmulatedHeadset) -> None:
 def complete_trial(headset: EmulatedHeadset) -> None:
     """Be measured, take part in the trial, and answer its questions."""
     participant = SimulatedParticipant(sample_participant_traits("woman", 5), 5)
-    headset.set_poses(participant.tracking_frame(0.0, moving=False))
+    headset.set_poses(participant.make_tracking_frame(0.0, moving=False))
     finish_phases(headset, "headset", *SEATING)
     for item, value in ANSWERS.items():
         wait_for_buttons(headset, item)
         headset.select_answer(value)
     wait_for_buttons(headset, "confirm")
-    headset.select_answer(DONE_BUTTON)
+    headset.select_answer(DONE_BUTTON_VALUE)
     wait_for_phase(headset, "finished")
 
 
-def watch_session(browser: Browser, host: Host) -> None:
+def watch_session(browser: Browser, host: StudyHost) -> None:
     """The experimenter opens the session from the page of all sessions, and the page of all participants."""
     page = browser.new_page(viewport=DESKTOP)
     page.context.set_default_timeout(1000 * TIMEOUT_S)

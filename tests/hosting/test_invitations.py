@@ -9,8 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli import app
-from avrgym.hosting.addresses import parse_public_address
-from avrgym.study.people.deletion import delete_participant
+from avrgym.hosting.public_links import parse_public_address
 from avrgym.study.people.invitations import (
     InvitationError,
     RecruitmentServiceIds,
@@ -19,39 +18,44 @@ from avrgym.study.people.invitations import (
     enrol_with_invitation,
     find_valid_invitation,
     list_invitations,
-    personal_tokens,
+    read_pseudonyms_by_token_sha256,
 )
+from avrgym.study.people.participant_deletion import delete_participant
 from avrgym.study.storage import identity_file
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
-from avrgym.vr.server.session_links import token_sha256
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
+from avrgym.vr.server.session_links import compute_token_sha256
 from helpers.studies.small_studies import small_study
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
-    with Store(small_study(tmp_path / "study")) as opened:
+def store(tmp_path: Path) -> Iterator[StudyStore]:
+    with StudyStore(small_study(tmp_path / "study")) as opened:
         yield opened
 
 
-def reason(store: Store, token: str) -> str:
+def reason(store: StudyStore, token: str) -> str:
     with pytest.raises(InvitationError) as raised:
         find_valid_invitation(store, token)
     return raised.value.reason
 
 
-def test_single_use_link_admits_one_participant(store: Store) -> None:
+def test_single_use_link_admits_one_participant(store: StudyStore) -> None:
     (invitation,) = create_invitations(store, ["row-1"], days=1)
     pseudonym, own = enrol_with_invitation(store, invitation.token, "woman", age_years=40)
-    assert personal_tokens(store) == {token_sha256(own): pseudonym} == {token_sha256(own): "sub-001"}
+    assert (
+        read_pseudonyms_by_token_sha256(store)
+        == {compute_token_sha256(own): pseudonym}
+        == {compute_token_sha256(own): "sub-001"}
+    )
     assert reason(store, invitation.token) == "full"
     with pytest.raises(InvitationError, match="has been used"):
         enrol_with_invitation(store, invitation.token, "man")
-    assert [each.pseudonym for each in store.participants()] == ["sub-001"]
-    assert store.database.find_faults() == []
+    assert [each.pseudonym for each in store.read_participants()] == ["sub-001"]
+    assert store.database.find_integrity_errors() == []
 
 
-def test_places_are_not_exceeded_by_concurrent_enrolments(store: Store) -> None:
+def test_places_are_not_exceeded_by_concurrent_enrolments(store: StudyStore) -> None:
     (invitation,) = create_invitations(store, [""], days=1, places=3)
 
     def take(_: int) -> str:
@@ -66,7 +70,7 @@ def test_places_are_not_exceeded_by_concurrent_enrolments(store: Store) -> None:
     assert list_invitations(store)[0].used == 3
 
 
-def test_expired_closed_and_unknown_invitations_are_rejected(store: Store) -> None:
+def test_expired_closed_and_unknown_invitations_are_rejected(store: StudyStore) -> None:
     (expired,) = create_invitations(store, [""], days=1e-9)
     (closed,) = create_invitations(store, [""], days=1)
     close_invitation(store, closed.id)
@@ -81,33 +85,33 @@ def test_expired_closed_and_unknown_invitations_are_rejected(store: Store) -> No
         close_invitation(store, 9)
 
 
-def test_id_of_a_recruitment_service_is_encrypted_and_takes_part_once(store: Store) -> None:
+def test_id_of_a_recruitment_service_is_encrypted_and_takes_part_once(store: StudyStore) -> None:
     (invitation,) = create_invitations(store, [""], days=1, places=5)
     service = RecruitmentServiceIds("5f0e1d2c3b4a", "study-7", "session-9")
     pseudonym, _ = enrol_with_invitation(store, invitation.token, "woman", service=service)
-    assert identity_file.read_identities(store.folder)[pseudonym].contact == service.participant
+    assert identity_file.read_identities(store.folder)[pseudonym].contact == service.participant_id
     with pytest.raises(InvitationError) as raised:
         enrol_with_invitation(store, invitation.token, "woman", service=service)
     assert raised.value.reason == "duplicate"
     assert list_invitations(store)[0].used == 1
     stored = b"".join(path.read_bytes() for path in store.folder.rglob("*") if path.is_file())
-    assert service.participant.encode() not in stored
+    assert service.participant_id.encode() not in stored
     assert invitation.token.encode() not in stored
 
 
-def test_new_token_replaces_the_earlier_one(store: Store) -> None:
+def test_new_token_replaces_the_earlier_one(store: StudyStore) -> None:
     (invitation,) = create_invitations(store, [""], days=1)
     pseudonym, first = enrol_with_invitation(store, invitation.token, "woman")
     command = ["study", "invitations", str(store.folder), "--address", "https://study.example", "--new-link"]
     printed = CliRunner().invoke(app, [*command, pseudonym]).stdout.split()
     second = printed[0].removeprefix("https://study.example/#participant=")
     assert first != second
-    assert personal_tokens(store) == {token_sha256(second): pseudonym}
+    assert read_pseudonyms_by_token_sha256(store) == {compute_token_sha256(second): pseudonym}
     assert CliRunner().invoke(app, [*command, "sub-002"]).exit_code == 1
     delete_participant(store, pseudonym)
-    assert personal_tokens(store) == {}
+    assert read_pseudonyms_by_token_sha256(store) == {}
     assert reason(store, invitation.token) == "full"
-    assert store.database.find_faults() == []
+    assert store.database.find_integrity_errors() == []
 
 
 @pytest.mark.parametrize(
@@ -120,14 +124,14 @@ def test_new_token_replaces_the_earlier_one(store: Store) -> None:
     ],
 )
 def test_invalid_invitations_are_rejected(
-    store: Store, labels: list[str], days: float, places: int, message: str
+    store: StudyStore, labels: list[str], days: float, places: int, message: str
 ) -> None:
     with pytest.raises(StudyError, match=message):
         create_invitations(store, labels, days=days, places=places)
     assert list_invitations(store) == []
 
 
-def test_links_are_written_to_a_new_file(store: Store, tmp_path: Path) -> None:
+def test_links_are_written_to_a_new_file(store: StudyStore, tmp_path: Path) -> None:
     (tmp_path / "in.csv").write_text("label,site\nrow-1,a\nrow-2,b\n")
     out = tmp_path / "out.csv"
     options = ["--address", "https://Study.example", "--out", str(out), "--labels", str(tmp_path / "in.csv")]

@@ -12,7 +12,7 @@ from avrgym.learning import behaviour_cloning
 from avrgym.learning.behaviour_cloning import clone, read_episodes
 from avrgym.learning.lerobot_dataset import DatasetEpisode, write_dataset
 from avrgym.policies.actors import Actor
-from avrgym.tasks.registry import task_and_scene
+from avrgym.tasks.registry import find_task_and_scene
 from avrgym.tasks.settings import DEFAULT_SETTINGS
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
@@ -33,8 +33,12 @@ def episode(length: int, seed: int, marks: np.ndarray | None = None) -> DatasetE
 
 
 def dataset(folder: Path, episodes: list[DatasetEpisode], environment: str = ENVIRONMENT) -> Path:
-    task, scene = task_and_scene(environment, DEFAULT_SETTINGS)
-    about: dict[str, Any] = {"observation": task.observation(scene), "scene": scene, "control_hz": 10}
+    task, scene = find_task_and_scene(environment, DEFAULT_SETTINGS)
+    about: dict[str, Any] = {
+        "observation": task.make_observation_spec(scene),
+        "scene": scene,
+        "control_hz": 10,
+    }
     write_dataset(folder, episodes, **about)
     return folder
 
@@ -68,7 +72,7 @@ def test_a_clone_follows_demonstrations_and_the_same_seed_gives_the_same_bits(
     assert (tmp_path / "one.safetensors").read_bytes() == (tmp_path / "two.safetensors").read_bytes()
     unseen = episode(40, 99)
     actor = Actor(policy, 1)
-    acted = np.array([actor.mean_actions(row[None])[0] for row in unseen.observations])
+    acted = np.array([actor.compute_mean_actions(row[None])[0] for row in unseen.observations])
     assert np.corrcoef(acted[:, 0], unseen.actions[:, 0])[0, 1] > 0.8
 
 

@@ -16,8 +16,8 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 from avrgym.learning import training
 from avrgym.learning.configuration import FeedforwardConfiguration
 from avrgym.learning.evaluation import evaluate_all
-from avrgym.learning.training import resume, train
-from avrgym.system.cluster import Cluster, connect
+from avrgym.learning.training import resume_training, train
+from avrgym.system.cluster import Cluster, connect_to_cluster
 from helpers.learning.ray_nodes import assert_same_training, process_and_node, raise_error, ray_nodes
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # of Ray's, whose processes and files end with its shutdown
@@ -46,7 +46,7 @@ def nodes() -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def cluster(nodes: Any) -> Iterator[Cluster]:
-    with connect(nodes.address, 2) as opened:
+    with connect_to_cluster(nodes.address, 2) as opened:
         yield opened
 
 
@@ -86,12 +86,12 @@ def test_a_training_continues_without_the_cluster(whole, cluster, tmp_path) -> N
         pass
 
     def kill(progress: training.TrainingProgress) -> None:
-        if progress.steps >= 3000:
+        if progress.num_timesteps >= 3000:
             raise Killed
 
     with pytest.raises(Killed):
         train(TINY, tmp_path / "cut", kill, cluster=cluster)
-    resume(tmp_path / "cut")
+    resume_training(tmp_path / "cut")
     assert_same_training(tmp_path / "cut", whole)
 
 

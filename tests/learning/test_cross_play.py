@@ -2,7 +2,7 @@
 
 import pytest
 
-from avrgym.learning.cross_play import cross_play, success_table
+from avrgym.learning.cross_play import make_success_table, run_cross_play
 from avrgym.learning.evaluation import evaluate_all
 from helpers.vr.visit import ENVIRONMENT
 
@@ -12,7 +12,7 @@ POLICIES, PEOPLE = ["zero", "random"], ["original", "zoo/unseen/startled"]
 @pytest.mark.slow
 def test_cross_play_equals_single_evaluations() -> None:
     steps: list[int] = []
-    rows = cross_play([ENVIRONMENT], POLICIES, PEOPLE, 1, 5, steps.append, impairment="weakness", jobs=1)
+    rows = run_cross_play([ENVIRONMENT], POLICIES, PEOPLE, 1, 5, steps.append, impairment="weakness", jobs=1)
     assert [(row.people, row.policy) for row in rows] == [
         (people, policy) for people in PEOPLE for policy in POLICIES
     ]
@@ -20,7 +20,7 @@ def test_cross_play_equals_single_evaluations() -> None:
     assert rows[3] == alone
     assert {row.impairment for row in rows} == {"weakness"}
     assert sum(steps) == 4 * 200
-    table = success_table(rows)
+    table = make_success_table(rows)
     assert [[*line] for line in table] == [["env", "policy", *PEOPLE]] * 2
     assert table[0] == {"env": ENVIRONMENT, "policy": "zero"} | dict.fromkeys(PEOPLE, "0% [0, 79]")
 
@@ -36,5 +36,5 @@ def test_cross_play_equals_single_evaluations() -> None:
 def test_unknown_names_are_refused_before_the_evaluation(policies, people, impairment, said) -> None:
     steps: list[int] = []
     with pytest.raises(ValueError, match=said):
-        cross_play([ENVIRONMENT], policies, people, 1, 0, steps.append, impairment=impairment)
+        run_cross_play([ENVIRONMENT], policies, people, 1, 0, steps.append, impairment=impairment)
     assert steps == []

@@ -12,12 +12,12 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.learning import demonstrations
-from avrgym.learning.demonstrations import demonstrate
+from avrgym.learning.demonstrations import simulate_demonstrations
 from avrgym.learning.lerobot_dataset import DatasetEpisode, FeatureStatistics, write_dataset
-from avrgym.people.motor import SPEED_NOISE_SHARE
+from avrgym.people.motor_model import SPEED_NOISE_FRACTION
 from avrgym.policies.registry import resolve_policy
-from avrgym.policies.simulated_operator import DELAY_S, SimulatedOperator
-from avrgym.system.random_streams import demonstration_generator
+from avrgym.policies.simulated_operator import COMMAND_DELAY_S, SimulatedOperator
+from avrgym.system.random_streams import make_demonstration_rng
 from avrgym.tasks.episodes import Episodes
 from helpers.learning.lerobot_policies import lerobot_python, run_lerobot
 
@@ -25,43 +25,43 @@ FEEDING = "avrgym/FeedingJaco-v1"
 
 
 def test_operators_act_late_and_their_noise_grows_with_the_speed() -> None:
-    generators = [demonstration_generator(0, attempt) for attempt in range(200)]
+    generators = [make_demonstration_rng(0, attempt) for attempt in range(200)]
     operator = SimulatedOperator(generators, 2, 10)
-    actions = np.stack([operator.act(np.tile([0.5, 0.1], (200, 1))) for _ in range(40)])
-    delay = round(10 * DELAY_S)
+    actions = np.stack([operator.compute_commands(np.tile([0.5, 0.1], (200, 1))) for _ in range(40)])
+    delay = round(10 * COMMAND_DELAY_S)
     assert not actions[:delay].any()
     assert actions[delay:].mean(axis=(0, 1)) == pytest.approx([0.5, 0.1], rel=0.02)
     assert actions[delay:].std(axis=(0, 1)) == pytest.approx(
-        [0.5 * SPEED_NOISE_SHARE, 0.1 * SPEED_NOISE_SHARE], rel=0.05
+        [0.5 * SPEED_NOISE_FRACTION, 0.1 * SPEED_NOISE_FRACTION], rel=0.05
     )
 
 
 def successes(worlds: int, seed: int, *, episodes: int = 3) -> list[DatasetEpisode]:
     world = Episodes(FEEDING, worlds, people="revised")
-    return [*demonstrate(world, resolve_policy("oracle", FEEDING), episodes, 120, seed)]
+    return [*simulate_demonstrations(world, resolve_policy("oracle", FEEDING), episodes, 120, seed)]
 
 
 @pytest.mark.slow
 def test_the_number_of_worlds_does_not_change_episodes() -> None:
     one, three = successes(1, 5), successes(3, 5)
     for alone, together in zip(one, three, strict=True):
-        assert alone.labels == together.labels
+        assert alone.episode_columns == together.episode_columns
         assert alone.successes[-1]
         assert_array_equal(alone.observations, together.observations)
         assert_array_equal(alone.actions, together.actions)
 
 
 def test_a_policy_without_success_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(demonstrations, "MAX_ATTEMPTS_PER_EPISODE", 2)
+    monkeypatch.setattr(demonstrations, "MAX_ATTEMPTS_PER_SUCCESS", 2)
     world = Episodes(FEEDING, 2)
     with pytest.raises(ValueError, match="0 of 2 attempts succeeded; use a policy with more success"):
-        next(demonstrate(world, resolve_policy("zero", FEEDING), 1, 2, 0))
+        next(simulate_demonstrations(world, resolve_policy("zero", FEEDING), 1, 2, 0))
 
 
 def test_statistics_of_images_are_those_of_all_pixels() -> None:
     random = np.random.default_rng(0)
     parts = [random.integers(0, 256, (count, 5, 4, 3), np.uint8) for count in (1, 3)]
-    found = (FeatureStatistics(parts[0]) + FeatureStatistics(parts[1])).values()
+    found = (FeatureStatistics(parts[0]) + FeatureStatistics(parts[1])).to_dict()
     colours = np.concatenate(parts).reshape(-1, 3) / 255.0
     expected = {
         "min": colours.min(axis=0),
@@ -85,7 +85,7 @@ def test_in_a_dataset_with_images_policies_see_the_person_only_there(tmp_path: P
         *(np.zeros((steps, 7)), np.zeros(steps), np.zeros(steps, bool), np.zeros(steps)),
         images={"wrist_rgb": np.zeros((steps, 64, 64, 3), np.uint8)},
     )
-    about: dict[str, Any] = {"observation": world.observation, "scene": world.scene, "control_hz": 10}
+    about: dict[str, Any] = {"observation": world.observation_spec, "scene": world.scene, "control_hz": 10}
     write_dataset(tmp_path / "data", [episode], **about)
     features = json.loads((tmp_path / "data" / "meta" / "info.json").read_text())["features"]
     seen = {name for name in features if name.startswith("observation")}

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from avrgym.learning import evaluation
-from avrgym.learning.evaluation import Evaluation, evaluate, evaluate_all, wilson_interval
-from avrgym.policies.trained import packaged_policies
+from avrgym.learning.evaluation import EvaluationResult, compute_wilson_interval, evaluate, evaluate_all
+from avrgym.policies.trained_policies import find_packaged_policies
 from avrgym.safety.limits import BODY_REGIONS
 from avrgym.tasks.constants import EPISODE_STEPS
 from helpers.vr.visit import ENVIRONMENT, constant_policy
@@ -61,7 +61,7 @@ def test_batches_contain_each_episode_once_and_have_similar_sizes() -> None:
 
 @pytest.mark.slow
 def test_a_policy_file_gives_the_results_of_its_name(rewards: Callable[..., np.ndarray]) -> None:
-    path = packaged_policies(ENVIRONMENT)["revised"]
+    path = find_packaged_policies(ENVIRONMENT)["revised"]
     assert np.array_equal(rewards(2, policy=str(path)), rewards(2, policy="revised"))
 
 
@@ -76,7 +76,7 @@ def test_the_same_seed_gives_the_same_results(policy: str) -> None:
 def test_the_zero_policy_never_succeeds_and_touches_nobody() -> None:
     figures = evaluate(ENVIRONMENT, "zero", "original", 4, 0)
     assert figures.success_rate == 0.0
-    assert figures.success_ci95 == wilson_interval(0, 4)
+    assert figures.success_ci95 == compute_wilson_interval(0, 4)
     assert figures.force_mean_newton == 0.0
     assert figures.reward_mean < 0.0
     assert figures.episodes_over_limit == 0
@@ -92,7 +92,7 @@ def test_the_zero_policy_never_succeeds_and_touches_nobody() -> None:
 def test_forces_by_region_do_not_depend_on_other_episodes(
     monkeypatch: pytest.MonkeyPatch, force_guard: bool
 ) -> None:
-    rows: list[list[Evaluation]] = []
+    rows: list[list[EvaluationResult]] = []
     for at_once in (2, 4):
         monkeypatch.setattr(evaluation, "MAX_WORLDS_PER_BATCH", at_once)
         asked = [SCRATCHING], "original", "participants", 4, 6
@@ -131,12 +131,12 @@ def test_errors_name_what_is_allowed(tmp_path: Path) -> None:
 )
 def test_the_interval_has_published_values(successes: int, count: int, low: float, high: float) -> None:
     """Newcombe, Statistics in Medicine 17, 1998, table I, method 3."""
-    assert wilson_interval(successes, count) == pytest.approx((low, high), abs=5e-5)
+    assert compute_wilson_interval(successes, count) == pytest.approx((low, high), abs=5e-5)
 
 
 def test_the_interval_contains_the_proportion_and_is_symmetric() -> None:
     for count in (1, 7, 100):
         for successes in range(count + 1):
-            low, high = wilson_interval(successes, count)
+            low, high = compute_wilson_interval(successes, count)
             assert 0.0 <= low <= successes / count <= high <= 1.0
-            assert (1.0 - high, 1.0 - low) == pytest.approx(wilson_interval(count - successes, count))
+            assert (1.0 - high, 1.0 - low) == pytest.approx(compute_wilson_interval(count - successes, count))

@@ -6,7 +6,7 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 from avrgym.learning.configuration import FeedforwardConfiguration
 from avrgym.learning.feedforward_recipe import FeedforwardRecipe
 from avrgym.learning.recipe import UpdateResults
-from avrgym.policies.trained import PolicyMetadata
+from avrgym.policies.trained_policies import PolicyMetadata
 from avrgym.tasks.episodes import Episodes
 
 FEEDING = "avrgym/FeedingJaco-v1"
@@ -33,7 +33,7 @@ def test_the_policy_acts_like_its_expert_with_new_people(imitated):
     for _ in range(40):
         observation = episodes.observe()
         demonstrated.append(expert(observation))
-        imitating.append(policy.mean_actions(observation))
+        imitating.append(policy.compute_mean_actions(observation))
         episodes.step(demonstrated[-1])
     error, size = (np.mean(np.square(part)) for part in (np.subtract(demonstrated, imitating), demonstrated))
     assert error < 0.5 * size

@@ -22,20 +22,20 @@ from avrgym.learning import training
 from avrgym.learning.configuration import FeedforwardConfiguration, JointTrainingSettings
 from avrgym.learning.evaluation import evaluate
 from avrgym.learning.rollouts import RolloutRequest, WorldSettings, roll_out_agents
-from avrgym.learning.training import TrainingProgress, resume, train
+from avrgym.learning.training import TrainingProgress, resume_training, train
 from avrgym.networks.policy import Policy, PolicyError, TrainedHumanMetadata
 from avrgym.people.populations import find_populations
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.human_view import make_human_observer
-from avrgym.tasks.registry import ENVIRONMENTS, TASKS, observation_and_action_size
+from avrgym.tasks.human_observation import make_human_observer
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS, get_observation_and_action_size
 from helpers.learning.random_networks import random_network, save_network
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 SCRATCHING, FEEDING = "avrgym/ScratchItchJaco-v1", "avrgym/FeedingJaco-v1"
-OFFERING = [name for name, (task, _) in ENVIRONMENTS.items() if TASKS[task].offered != "nothing"]
+OFFERING = [name for name, (task, _) in ENVIRONMENTS.items() if TASKS[task].offered_body_part != "nothing"]
 """Environments in which people have actions."""
 OF_EACH_TASK = list({ENVIRONMENTS[name][0]: name for name in OFFERING}.values())
 WORLDS = 2
@@ -89,7 +89,7 @@ def assert_same_weights(first: Path, second: Path) -> None:
             for name, value in agent[part].items():
                 assert_array_equal(np.asarray(value), np.asarray(same[part][name]), err_msg=name)
     for name in ("policy.safetensors", "human.safetensors"):
-        assert Policy.load(first / name).digest == Policy.load(second / name).digest
+        assert Policy.load(first / name).parameters_sha256 == Policy.load(second / name).parameters_sha256
 
 
 @pytest.mark.slow
@@ -97,10 +97,10 @@ def test_a_pair_writes_two_networks_with_matching_metadata(trained):
     robot, human = (Policy.load(trained / f"{name}.safetensors") for name in ("policy", "human"))
     view, joints = make_human_observer(SCRATCHING)
     assert (human.observation_size, human.action_size) == (view.size, joints)
-    assert (robot.observation_size, robot.action_size) == observation_and_action_size(SCRATCHING)
+    assert (robot.observation_size, robot.action_size) == get_observation_and_action_size(SCRATCHING)
     assert robot.metadata.human is None
     assert robot.metadata.people == "zoo/train, trained together"
-    assert human.metadata.human == TrainedHumanMetadata(partner=robot.digest)
+    assert human.metadata.human == TrainedHumanMetadata(partner=robot.parameters_sha256)
     for metadata in (robot.metadata, human.metadata):
         assert (metadata.environment, metadata.impairment) == (SCRATCHING, "weakness")
         assert (metadata.seed, metadata.steps) == (4, 2 * UPDATE)
@@ -114,7 +114,10 @@ def test_the_seed_determines_both_networks_of_a_pair(trained, tmp_path):
     assert_same_weights(trained, tmp_path / "again")
     train(replace(PAIR, seed=5), tmp_path / "other")
     for name in ("policy.safetensors", "human.safetensors"):
-        assert Policy.load(trained / name).digest != Policy.load(tmp_path / "other" / name).digest
+        assert (
+            Policy.load(trained / name).parameters_sha256
+            != Policy.load(tmp_path / "other" / name).parameters_sha256
+        )
 
 
 @pytest.mark.slow
@@ -123,7 +126,7 @@ def test_an_interrupted_pair_resumes_to_the_same_weights(tmp_path):
 
     def killed(after: int) -> Callable[[TrainingProgress], None]:
         def kill(progress: TrainingProgress) -> None:
-            if progress.steps == after * UPDATE:
+            if progress.num_timesteps == after * UPDATE:
                 raise KeyboardInterrupt
 
         return kill
@@ -133,8 +136,8 @@ def test_an_interrupted_pair_resumes_to_the_same_weights(tmp_path):
         train(LONG, tmp_path / "cut", killed(1))
     for after in (3, 4):
         with pytest.raises(KeyboardInterrupt):
-            resume(tmp_path / "cut", killed(after))
-    resume(tmp_path / "cut")
+            resume_training(tmp_path / "cut", killed(after))
+    resume_training(tmp_path / "cut")
     assert_same_weights(tmp_path / "whole", tmp_path / "cut")
 
 
@@ -154,9 +157,9 @@ def test_alternating_agents_learn_one_at_a_time(tmp_path):
 
     train(replace(PAIR, critic_updates=0, pairing=JointTrainingSettings(alternate=1), steps=UPDATE), tmp_path)
     first = agents()
-    resume(tmp_path, steps=2 * UPDATE)
+    resume_training(tmp_path, steps=2 * UPDATE)
     second = agents()
-    resume(tmp_path, steps=3 * UPDATE)
+    resume_training(tmp_path, steps=3 * UPDATE)
     third = agents()
     assert [changed(*each) for each in zip(first, second, strict=True)] == [False, True]
     assert [changed(*each) for each in zip(second, third, strict=True)] == [True, False]
@@ -165,10 +168,10 @@ def test_alternating_agents_learn_one_at_a_time(tmp_path):
 @pytest.mark.parametrize("alternate", [0, 1, 3])
 def test_agents_alternate_after_equal_numbers_of_updates(alternate):
     how = replace(LONG, steps=100 * UPDATE, pairing=JointTrainingSettings(alternate=alternate))
-    turns = [how.learners_at(how.imitation_steps + number * UPDATE) for number in range(12)]
+    turns = [how.find_learning_agents(how.imitation_steps + number * UPDATE) for number in range(12)]
     one = [(True, False)] * alternate + [(False, True)] * alternate
     assert turns == (one * 12)[:12] if alternate else [(True, True)] * 12
-    assert replace(how, pairing=None).learners_at(0) == (True, True)
+    assert replace(how, pairing=None).find_learning_agents(0) == (True, True)
 
 
 # The episodes
@@ -219,10 +222,15 @@ def test_a_trained_human_acts_as_in_the_parallel_environment(environment, tmp_pa
     for _ in range(8):
         worlds.step(np.stack([robot, robot]))
         for world, env in enumerate(envs):
-            action = np.clip(human.mean_actions(seen[world][HUMAN_AGENT][None])[0], -1, 1).astype(np.float32)
+            action = np.clip(human.compute_mean_actions(seen[world][HUMAN_AGENT][None])[0], -1, 1).astype(
+                np.float32
+            )
             assert_array_equal(commanded[-1][world], action.astype(float))
             seen[world] = env.step({ROBOT_AGENT: robot, HUMAN_AGENT: action})[0]
-            both = worlds.simulation.integration_state(world), env.episodes.simulation.integration_state()
+            both = (
+                worlds.simulation.get_integration_state(world),
+                env.episodes.simulation.get_integration_state(),
+            )
             assert_array_equal(*both)
     assert np.abs(commanded).max() > 0.0
 
@@ -235,7 +243,7 @@ def test_a_human_s_noise_follows_from_the_world_s_stream(tmp_path):
         worlds.reset(np.arange(len(seeds)), [np.random.default_rng(seed) for seed in seeds])
         for _ in range(5):
             worlds.step(np.zeros((len(seeds), worlds.action_size)))
-        return [worlds.simulation.integration_state(world) for world in range(len(seeds))]
+        return [worlds.simulation.get_integration_state(world) for world in range(len(seeds))]
 
     two, turned, calm = states([1, 2]), states([2, 1, 1]), tmp_path / "calm.safetensors"
     for one, other in ((two[0], turned[1]), (two[1], turned[0]), (two[0], turned[2])):
@@ -256,7 +264,7 @@ def test_a_copy_of_worlds_with_trained_humans_continues_equally(tmp_path):
     twin = copy.deepcopy(worlds)
     for _ in range(4):
         assert_array_equal(worlds.step(action).observation, twin.step(action).observation)
-    assert_array_equal(worlds.human_observation(), twin.human_observation())
+    assert_array_equal(worlds.observe_humans(), twin.observe_humans())
 
 
 # Populations
@@ -286,7 +294,9 @@ def test_each_world_has_one_human_of_a_population_with_its_own_body(tmp_path):
         alone.reset(np.array([0]), [np.random.default_rng(seed)])
         for _ in range(3):
             alone.step(np.zeros((1, alone.action_size)))
-        assert_array_equal(alone.simulation.integration_state(), together.simulation.integration_state(seed))
+        assert_array_equal(
+            alone.simulation.get_integration_state(), together.simulation.get_integration_state(seed)
+        )
 
 
 def test_a_given_impairment_replaces_that_of_the_human(tmp_path):
@@ -305,16 +315,18 @@ def test_a_given_impairment_replaces_that_of_the_human(tmp_path):
 
 
 def test_people_are_transferred_with_their_files(tmp_path, monkeypatch):
-    from avrgym.people.populations import people_for_workers
+    from avrgym.people.populations import read_people_for_workers
 
     save_network(tmp_path / "here" / "a" / "human.safetensors", random_network(SCRATCHING))
     save_network(tmp_path / "here" / "b.safetensors", random_network(SCRATCHING, seed=1))
     found = [each.trained_policy for each in find_populations(str(tmp_path / "here"), TASKS)]
-    carried = people_for_workers(str(tmp_path / "here"))
-    assert carried.local_path() == str(tmp_path / "here")
+    carried = read_people_for_workers(str(tmp_path / "here"))
+    assert carried.get_local_path() == str(tmp_path / "here")
     shutil.move(tmp_path / "here", tmp_path / "away")
-    again = [each.trained_policy for each in find_populations(carried.local_path(), TASKS)]
-    assert [each.digest for each in again if each] == [each.digest for each in found if each]
+    again = [each.trained_policy for each in find_populations(carried.get_local_path(), TASKS)]
+    assert [each.parameters_sha256 for each in again if each] == [
+        each.parameters_sha256 for each in found if each
+    ]
     assert len(again) == 2
 
 
@@ -334,10 +346,10 @@ def test_a_training_with_trained_humans_resumes_without_their_files(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         train(alone, tmp_path / "cut", kill)
     shutil.rmtree(tmp_path / "humans")
-    resumed = resume(tmp_path / "cut")
+    resumed = resume_training(tmp_path / "cut")
     assert resumed.metadata.people == whole.metadata.people == "trained: humans"
     assert len(find_populations(str(tmp_path / "cut" / "people"), TASKS)) == 2
-    assert resumed.digest == whole.digest
+    assert resumed.parameters_sha256 == whole.parameters_sha256
     assert resumed.metadata.measured == whole.metadata.measured
 
 
@@ -445,7 +457,7 @@ def test_options_of_pairs_need_the_recipe(trained, tmp_path):
 
 
 def test_a_task_without_human_actions_trains_no_human(tmp_path, monkeypatch):
-    monkeypatch.setitem(TASKS, "ScratchItch", replace(TASKS["ScratchItch"], offered="nothing"))
+    monkeypatch.setitem(TASKS, "ScratchItch", replace(TASKS["ScratchItch"], offered_body_part="nothing"))
     with pytest.raises(ValueError, match="people have no actions in"):
         train(PAIR, tmp_path / "no")
     assert not (tmp_path / "no").exists()

@@ -9,7 +9,7 @@ import pytest
 from avrgym.learning.preference_reward import REWARD_PER_LOG_ODDS, read_preference_weights
 from avrgym.learning.rollouts import RolloutRequest, WorldSettings, roll_out
 from avrgym.policies.registry import resolve_policy
-from avrgym.policies.trained import Policy
+from avrgym.policies.trained_policies import Policy
 from avrgym.system.transferred_files import TransferredFile
 
 ENVIRONMENT = "avrgym/ScratchItchJaco-v1"

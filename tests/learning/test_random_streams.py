@@ -5,14 +5,14 @@ import pytest
 
 from avrgym.learning.evaluation import evaluate
 from avrgym.system import random_streams
-from avrgym.system.random_streams import SPLITS, TEST, VALIDATION, Split, evaluation_generators, parse_split
+from avrgym.system.random_streams import SPLITS, TEST, VALIDATION, Split, make_evaluation_rngs, parse_split
 from helpers.system.paths import ROOT
 
 ENVIRONMENT = "avrgym/ScratchItchJaco-v1"
 
 
 def first_bytes(split: Split, seed: int, count: int = 300) -> set[bytes]:
-    return {each.bytes(16) for each in evaluation_generators(split, seed, range(count))}
+    return {each.bytes(16) for each in make_evaluation_rngs(split, seed, range(count))}
 
 
 def test_splits_and_seeds_share_no_episode() -> None:
@@ -35,8 +35,8 @@ def test_training_shares_no_episode_with_a_split(rng: np.random.Generator) -> No
 
 
 def test_an_episode_follows_from_split_seed_and_number() -> None:
-    (alone,) = evaluation_generators(TEST, 5, [17])
-    assert alone.bytes(16) == evaluation_generators(TEST, 5, range(20))[17].bytes(16)
+    (alone,) = make_evaluation_rngs(TEST, 5, [17])
+    assert alone.bytes(16) == make_evaluation_rngs(TEST, 5, range(20))[17].bytes(16)
 
 
 @pytest.mark.slow
@@ -66,11 +66,11 @@ def test_all_random_streams_are_in_one_module() -> None:
 
 def test_streams_of_a_training_differ() -> None:
     streams = (
-        random_streams.training_episode_generator(4),
-        random_streams.episode_seed_generator(4, 0),
-        random_streams.imitation_generator(4, 0),
-        random_streams.hard_episode_generator(4, 0),
-        random_streams.robot_noise_generator(4, 0, 0),
-        random_streams.human_noise_generator(4, 0, 0),
+        random_streams.make_training_episode_rng(4),
+        random_streams.make_episode_seed_rng(4, 0),
+        random_streams.make_imitation_rng(4, 0),
+        random_streams.make_failed_episode_rng(4, 0),
+        random_streams.make_robot_noise_rng(4, 0, 0),
+        random_streams.make_human_noise_rng(4, 0, 0),
     )
     assert len({stream.bytes(16) for stream in streams}) == len(streams)

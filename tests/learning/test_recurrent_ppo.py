@@ -9,8 +9,8 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 import torch
 
 from avrgym.learning.hyperparameters import RECURRENT_HYPERPARAMETERS
-from avrgym.learning.recurrent_network import RecurrentNetwork, bptt_windows
-from avrgym.learning.recurrent_ppo import RecurrentPPO, generalised_advantages
+from avrgym.learning.recurrent_network import RecurrentNetwork, make_bptt_windows
+from avrgym.learning.recurrent_ppo import RecurrentPPO, compute_generalised_advantages
 from avrgym.tasks.constants import EPISODE_STEPS
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -52,13 +52,13 @@ def numbers(network: torch.nn.Module) -> list[np.ndarray]:
 def test_advantages_are_returns_minus_values():
     random = np.random.default_rng(2)
     rewards, values = (torch.as_tensor(random.standard_normal((steps, 4))) for steps in (6, 7))
-    whole = generalised_advantages(rewards, values, gamma=0.9, gae_lambda=1.0)
+    whole = compute_generalised_advantages(rewards, values, gamma=0.9, gae_lambda=1.0)
     powers = 0.9 ** torch.arange(7, dtype=torch.float64)
     returns = [
         (powers[: 6 - t, None] * rewards[t:]).sum(dim=0) + powers[6 - t] * values[-1] for t in range(6)
     ]
     assert_allclose(whole, torch.stack(returns) - values[:-1])
-    one_step = generalised_advantages(rewards, values, gamma=0.9, gae_lambda=0.0)
+    one_step = compute_generalised_advantages(rewards, values, gamma=0.9, gae_lambda=0.0)
     assert_allclose(one_step, rewards + 0.9 * values[1:] - values[:-1])
 
 
@@ -80,19 +80,19 @@ def test_ppo_increases_the_reward():
 def test_the_number_of_minibatches_is_limited(worlds: int, minibatches: int) -> None:
     network, ppo = started()
     ppo.update(*update(network, 1, worlds), DEVIATION, np.random.default_rng(1), learning_rate=0.0)
-    steps = ppo.state()["critic_optimizer"]["state"][0]["step"]
+    steps = ppo.checkpoint_state()["critic_optimizer"]["state"][0]["step"]
     assert int(steps) == RECURRENT_HYPERPARAMETERS.n_epochs * minibatches * len(
-        [*bptt_windows(EPISODE_STEPS)]
+        [*make_bptt_windows(EPISODE_STEPS)]
     )
 
 
 def test_without_a_learning_rate_only_the_critic_learns():
     network, ppo = started()
-    before, state = numbers(network), str(ppo.state()["critic"])
+    before, state = numbers(network), str(ppo.checkpoint_state()["critic"])
     learn(network, ppo, 0, 0.0)
     for now, then in zip(numbers(network), before, strict=True):
         assert (now == then).all()
-    assert str(ppo.state()["critic"]) != state
+    assert str(ppo.checkpoint_state()["critic"]) != state
 
 
 def test_an_update_ends_at_the_target_kl_divergence(monkeypatch):
@@ -112,5 +112,5 @@ def test_an_update_ends_at_the_target_kl_divergence(monkeypatch):
 
 @pytest.mark.parametrize("steps", [30, 120, 200])
 def test_windows_cover_an_episode_of_any_length(steps: int) -> None:
-    covered = [step for window in bptt_windows(steps) for step in range(steps)[window]]
+    covered = [step for window in make_bptt_windows(steps) for step in range(steps)[window]]
     assert covered == list(range(steps))

@@ -15,18 +15,18 @@ from avrgym.learning import configuration as configurations
 from avrgym.learning import recurrent_recipe, training
 from avrgym.learning.configuration import RecurrentConfiguration, read_configuration
 from avrgym.learning.hyperparameters import RECURRENT_HYPERPARAMETERS
-from avrgym.learning.normaliser import Normaliser, observation_of
+from avrgym.learning.normaliser import Normaliser, make_observation_description
 from avrgym.learning.recurrent_network import RecurrentNetwork
 from avrgym.learning.rollouts import RolloutRequest, WorldSettings, roll_out
-from avrgym.learning.training import resume, train
+from avrgym.learning.training import resume_training, train
 from avrgym.models.scene import DEFAULT_SUBSTEPS
 from avrgym.policies.actors import Actor
-from avrgym.policies.trained import Policy, PolicyMetadata, packaged_policies
+from avrgym.policies.trained_policies import Policy, PolicyMetadata, find_packaged_policies
 from avrgym.safety.limits import TRANSIENT_LIMIT_N
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import ENVIRONMENTS, observation_and_action_size
+from avrgym.tasks.registry import ENVIRONMENTS, get_observation_and_action_size
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -52,14 +52,14 @@ class Interrupted(Exception):
 def _short(monkeypatch):
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
     short = replace(
-        RECURRENT_HYPERPARAMETERS, gradient_steps=3, final_round_gradient_steps=3, critic_updates=1
+        RECURRENT_HYPERPARAMETERS, gradient_steps=3, final_round_gradient_steps=3, critic_only_updates=1
     )
     for module in (configurations, recurrent_recipe):
         monkeypatch.setattr(module, "RECURRENT_HYPERPARAMETERS", short)
 
 
 def packaged(environment: str, kind: str) -> Policy:
-    return Policy.load(packaged_policies(environment)[kind])
+    return Policy.load(find_packaged_policies(environment)[kind])
 
 
 def tensors(out: Path) -> bytes:
@@ -96,7 +96,7 @@ def test_a_resumed_training_ends_with_the_same_bits(last, how, imitated, tmp_pat
     if before is not None:
         assert_allclose(policy.observation_mean, before.observation_mean)
     assert policy.metadata.measured["episodes"] == 1
-    assert policy.action_std in RECURRENT_HYPERPARAMETERS.final_action_stds
+    assert policy.action_std in RECURRENT_HYPERPARAMETERS.candidate_action_stds
 
     def stop(progress):
         if progress.steps == last:
@@ -107,10 +107,10 @@ def test_a_resumed_training_ends_with_the_same_bits(last, how, imitated, tmp_pat
     assert json.loads((cut / "adaptive.json").read_text())["seed"] == 4
     assert (cut / "checkpoint.pt").exists()
     torch.manual_seed(99)
-    resume(cut)
+    resume_training(cut)
     assert tensors(cut) == tensors(whole)
     with pytest.raises(ValueError, match="complete"):
-        resume(cut)
+        resume_training(cut)
     with pytest.raises(FileExistsError, match="already contains a training run"):
         train(configuration, cut)
 
@@ -126,7 +126,7 @@ def test_training_resumes_without_the_original_people_file(tmp_path):
     with pytest.raises(Interrupted):
         train(replace(TINY, people=str(people)), tmp_path / "run", stop)
     people.unlink()
-    resume(tmp_path / "run")
+    resume_training(tmp_path / "run")
     assert (tmp_path / "run" / "policy.safetensors").exists()
 
 
@@ -136,8 +136,8 @@ def test_ppo_progress_starts_after_imitation_and_ends_with_the_last_update():
     assert configuration.imitation_updates == round(
         RECURRENT_HYPERPARAMETERS.imitation_share * configuration.total_updates
     )
-    assert configuration.ppo_progress(0) == configuration.ppo_progress(first) == 0.0
-    assert 0.9 < configuration.ppo_progress(configuration.total_updates - 1) < 1.0
+    assert configuration.compute_ppo_progress(0) == configuration.compute_ppo_progress(first) == 0.0
+    assert 0.9 < configuration.compute_ppo_progress(configuration.total_updates - 1) < 1.0
 
 
 @pytest.mark.parametrize("rounds", [1, 2, 25, 63])
@@ -156,7 +156,7 @@ def test_a_longer_training_has_as_much_imitation(rounds):
 @pytest.mark.slow
 def test_the_best_action_std_is_kept_and_the_least_of_equals(tmp_path, monkeypatch):
     success_with = {0.0: 0.2, 0.05: 0.6, 0.08: 0.6}
-    assert tuple(success_with) == RECURRENT_HYPERPARAMETERS.final_action_stds
+    assert tuple(success_with) == RECURRENT_HYPERPARAMETERS.candidate_action_stds
 
     def evaluated(environment, path, *_, **__):
         return SimpleNamespace(
@@ -176,7 +176,7 @@ def test_a_complete_training_continues_with_more_steps(tmp_path):
     out = tmp_path / "out"
     train(replace(TINY, steps=400, imitation_share=0.5), out)
     before = tensors(out)
-    policy = resume(out, steps=800)
+    policy = resume_training(out, steps=800)
     assert policy.metadata.steps == read_configuration(out).steps == 800
     assert read_configuration(out).imitation_updates == 1
     assert tensors(out) != before
@@ -184,10 +184,10 @@ def test_a_complete_training_continues_with_more_steps(tmp_path):
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_the_policy_in_numpy_equals_the_network_in_torch(environment):
-    observation_size, action_size = observation_and_action_size(environment)
+    observation_size, action_size = get_observation_and_action_size(environment)
     torch.manual_seed(1)
     network = RecurrentNetwork(observation_size, 12, (9, 8), action_size)
-    normaliser = Normaliser(observation_of(environment), 0.99)
+    normaliser = Normaliser(make_observation_description(environment), 0.99)
     policy = network.to_policy(
         normaliser, PolicyMetadata(environment=environment, people="", steps=0, seed=0)
     )
@@ -195,7 +195,9 @@ def test_the_policy_in_numpy_equals_the_network_in_torch(environment):
     with torch.no_grad():
         means, _ = network(torch.as_tensor(normaliser.normalize_obs(observations)))
     actor = Actor(policy, 4)
-    assert_allclose(np.stack([actor.mean_actions(each) for each in observations]), means.numpy(), atol=1e-6)
+    assert_allclose(
+        np.stack([actor.compute_mean_actions(each) for each in observations]), means.numpy(), atol=1e-6
+    )
 
 
 def test_memory_continues_between_windows():
@@ -214,10 +216,10 @@ def test_demonstrations_are_the_teacher_s_actions():
     settings = WorldSettings(TINY.environment, TransferredFile.read(TINY.people), "none", 1, "threads")
     by_expert = np.array([True, False])
     shown = roll_out(
-        learner, RolloutRequest(settings, 0, np.arange(2), expert_controlled=by_expert, teacher=teacher)
+        learner, RolloutRequest(settings, 0, np.arange(2), expert_controlled_mask=by_expert, teacher=teacher)
     )
     for seen, done in zip(shown.observations[:-1], shown.actions, strict=True):
-        assert_allclose(done, np.clip(Actor(teacher, 2).mean_actions(seen), -1.0, 1.0), atol=1e-4)
+        assert_allclose(done, np.clip(Actor(teacher, 2).compute_mean_actions(seen), -1.0, 1.0), atol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -263,7 +265,7 @@ def test_training_starts_from_the_initial_policy(tmp_path):
     seen = np.random.default_rng(3).standard_normal((20, 2, before.observation_size))
     there, here = Actor(before, 2), Actor(after, 2)
     for each in seen:
-        assert_allclose(here.mean_actions(each), there.mean_actions(each), atol=1e-6)
+        assert_allclose(here.compute_mean_actions(each), there.compute_mean_actions(each), atol=1e-6)
     assert after.metadata.curve[: len(before.metadata.curve)] == before.metadata.curve
 
 
@@ -285,13 +287,13 @@ def test_the_overload_penalty_follows_the_most_loaded_region():
     watch, actor = RegionLoadRecorder(len(seeds)), Actor(policy, len(seeds))
     seen = worlds.reset(np.arange(len(seeds)), [np.random.default_rng(seed) for seed in seeds])
     for _ in range(steps):
-        action = np.clip(actor.mean_actions(seen.astype(np.float32)), -1.0, 1.0).astype(np.float32)
+        action = np.clip(actor.compute_mean_actions(seen.astype(np.float32)), -1.0, 1.0).astype(np.float32)
         worlds.command_robots(action)
         for substep in range(DEFAULT_SUBSTEPS):
             worlds.step_physics(substep, 1)
-            watch.add(worlds.simulation.region_force_n())
+            watch.add_forces(worlds.simulation.compute_region_force_n())
         seen = worlds.evaluate_step(action).observation
-    peak_share = (watch.loads().peak_n / TRANSIENT_LIMIT_N).max(axis=-1)
+    peak_share = (watch.compute_loads().peak_force_n / TRANSIENT_LIMIT_N).max(axis=-1)
     assert peak_share.max() > 0.5
     assert_allclose(cost.max(axis=0), np.maximum(2.0 * peak_share - 1.0, 0.0), atol=1e-4)
 
@@ -310,7 +312,7 @@ def test_force_beyond_the_limit_is_not_rewarded():
     worlds, actor = Episodes(environment, 2, people="revised", num_threads=1), Actor(policy, 2)
     seen, taken_off = worlds.reset(np.arange(2), [np.random.default_rng(seed) for seed in seeds]), []
     for _ in range(steps):
-        action = np.clip(actor.mean_actions(seen.astype(np.float32)), -1.0, 1.0).astype(np.float32)
+        action = np.clip(actor.compute_mean_actions(seen.astype(np.float32)), -1.0, 1.0).astype(np.float32)
         step = worlds.step(action)
         seen, terms = step.observation, step.reward_terms
         beyond = [np.maximum(terms[name] - most, 0.0) for name in ("scratch_force_n", "force_at_itch_n")]
@@ -321,16 +323,16 @@ def test_force_beyond_the_limit_is_not_rewarded():
 
 def test_a_folder_without_training_is_refused(tmp_path):
     with pytest.raises(ValueError, match="contains no training"):
-        resume(tmp_path)
+        resume_training(tmp_path)
 
 
 @pytest.mark.slow
 def test_withdrawal_gives_no_reward_and_demonstrates_waiting():
     settings = WorldSettings("avrgym/FeedingJaco-v1", TransferredFile.read("revised"), "none", 1, "threads")
-    request = RolloutRequest(settings, 0, np.array([3]), expert_controlled=np.array([True]))
+    request = RolloutRequest(settings, 0, np.array([3]), expert_controlled_mask=np.array([True]))
     policy = packaged("avrgym/FeedingJaco-v1", "adaptive")
     goes_on = roll_out(policy, request)
-    waits = roll_out(policy, replace(request, settings=replace(settings, withdraw_after_success=True)))
+    waits = roll_out(policy, replace(request, world_settings=replace(settings, withdraw_after_success=True)))
     assert goes_on.success.all()
     assert waits.success.all()
     assert (goes_on.rewards[-20:] != 0.0).all()

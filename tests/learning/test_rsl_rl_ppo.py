@@ -20,23 +20,23 @@ import torch
 from avrgym.cli.main import app
 from avrgym.learning import training
 from avrgym.learning.configuration import FeedforwardConfiguration, read_configuration
-from avrgym.learning.normaliser import Normaliser, observation_of
+from avrgym.learning.normaliser import Normaliser, make_observation_description
 from avrgym.learning.ppo import (
     Agent,
     export_policy,
     make_ppo,
     set_actor_trainable,
     set_log_std,
-    update_on_host,
+    update_ppo_on_host,
 )
 from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out
 from avrgym.learning.rsl_rl_ppo import DevicePPO
-from avrgym.learning.training import TrainingProgress, resume, train
+from avrgym.learning.training import TrainingProgress, resume_training, train
 from avrgym.policies.actors import DeviceActor
-from avrgym.policies.trained import Policy, PolicyMetadata, policy_path
+from avrgym.policies.trained_policies import Policy, PolicyMetadata, find_policy_file
 from avrgym.simulation.engines import warp
 from avrgym.system.transferred_files import TransferredFile
-from avrgym.tasks.registry import observation_and_action_size
+from avrgym.tasks.registry import get_observation_and_action_size
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 WORLDS, STEPS = 2, 12
@@ -74,7 +74,7 @@ def _brief(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_rollouts_on_the_device_equal_those_on_threads() -> None:
     """The same policy, noise, starts and penalties."""
-    policy = Policy.load(policy_path("revised", SCRATCHING))
+    policy = Policy.load(find_policy_file("revised", SCRATCHING))
     here, there = (
         roll_out(
             policy,
@@ -101,17 +101,17 @@ def test_rollouts_on_the_device_equal_those_on_threads() -> None:
 
 
 def test_a_policy_acts_equally_on_device_and_host(rng: np.random.Generator) -> None:
-    policy = Policy.load(policy_path("revised", SCRATCHING))
+    policy = Policy.load(find_policy_file("revised", SCRATCHING))
     observations = 4.0 * rng.normal(size=(50, policy.observation_size))
-    double = DeviceActor(policy, torch.zeros(1, dtype=torch.float64)).mean_actions(
+    double = DeviceActor(policy, torch.zeros(1, dtype=torch.float64)).compute_mean_actions(
         torch.as_tensor(observations)
     )
-    assert_allclose(double, policy.mean_actions(observations), atol=1e-6)
+    assert_allclose(double, policy.compute_mean_actions(observations), atol=1e-6)
 
 
 def seen_and_done(rng: np.random.Generator, worlds: int) -> tuple[Any, Any, Any]:
     """Normalised observations, actions and rewards of some update."""
-    observation, action = observation_and_action_size(SCRATCHING)
+    observation, action = get_observation_and_action_size(SCRATCHING)
     return (
         torch.as_tensor(rng.normal(size=(STEPS + 1, worlds, observation)), dtype=torch.float32),
         torch.as_tensor(rng.normal(size=(STEPS, worlds, action)), dtype=torch.float32),
@@ -136,14 +136,14 @@ def test_both_implementations_of_ppo_give_the_same_update(
     given = seen_and_done(rng, worlds)
     networks: list[dict[str, torch.Tensor]] = []
     before: dict[str, torch.Tensor] = {}
-    for update in (update_on_host, DevicePPO(how)):
-        model = make_ppo(how, *observation_and_action_size(SCRATCHING), tmp_path)
+    for update in (update_ppo_on_host, DevicePPO(how)):
+        model = make_ppo(how, *get_observation_and_action_size(SCRATCHING), tmp_path)
         model.set_logger(ppo_logger())
         model.num_timesteps, model.max_grad_norm = worlds * STEPS, 1e9
         before = {name: value.clone() for name, value in model.policy.state_dict().items()}
         set_log_std(model, how)
         set_actor_trainable(model, how)
-        update(model, *(each.numpy() if update is update_on_host else each for each in given))
+        update(model, *(each.numpy() if update is update_ppo_on_host else each for each in given))
         networks.append(model.policy.state_dict())
     here, there = networks
     for name, wanted in here.items():
@@ -160,9 +160,9 @@ def ppo_logger():
 
 
 def test_the_exported_policy_equals_the_network(rng: np.random.Generator, tmp_path: Path) -> None:
-    model = make_ppo(TINY, *observation_and_action_size(SCRATCHING), tmp_path)
+    model = make_ppo(TINY, *get_observation_and_action_size(SCRATCHING), tmp_path)
     model.set_logger(ppo_logger())
-    normaliser = Normaliser(observation_of(SCRATCHING), TINY.gamma)
+    normaliser = Normaliser(make_observation_description(SCRATCHING), TINY.gamma)
     observations, actions, rewards = seen_and_done(rng, WORLDS)
     DevicePPO(TINY)(model, observations, actions, rewards)
     exported = export_policy(Agent(model, normaliser), -1.0, METADATA)
@@ -174,12 +174,12 @@ def test_the_exported_policy_equals_the_network(rng: np.random.Generator, tmp_pa
         latent = network.mlp_extractor.forward_actor(
             torch.as_tensor(normaliser.normalize_obs(plain)).double()
         )
-        assert_allclose(exported.mean_actions(plain), network.action_net(latent), atol=1e-6)
+        assert_allclose(exported.compute_mean_actions(plain), network.action_net(latent), atol=1e-6)
 
 
 def test_the_normaliser_works_equally_with_tensors(rng: np.random.Generator) -> None:
     observations, actions, rewards = (each.numpy() for each in seen_and_done(rng, 3))
-    here, there = (Normaliser(observation_of(SCRATCHING), 0.9) for _ in range(2))
+    here, there = (Normaliser(make_observation_description(SCRATCHING), 0.9) for _ in range(2))
     rest = {"episode_return": np.zeros(3), "success": np.zeros(3, dtype=bool), "episode_force_n": np.zeros(3)}
     given = {"observations": observations, "actions": actions, "rewards": rewards}
     on_host = Rollout(**given, **rest)
@@ -242,7 +242,7 @@ def test_a_training_on_the_device_is_complete_and_resumes(
     assert list((tmp_path / "whole" / "tensorboard").rglob("events.out.tfevents.*"))
 
     trained(TINY, tmp_path / "cut", kill_after=3)
-    resume(tmp_path / "cut")
+    resume_training(tmp_path / "cut")
     first, second = (
         torch.load(tmp_path / out / "checkpoint.pt", weights_only=True) for out in ("whole", "cut")
     )

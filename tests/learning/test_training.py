@@ -23,26 +23,26 @@ from avrgym.learning.configuration import (
     RecurrentConfiguration,
     write_configuration,
 )
-from avrgym.learning.hyperparameter_files import hyperparameters_text, read_hyperparameters
-from avrgym.learning.hyperparameters import RECURRENT_HYPERPARAMETERS, hyperparameters_of
-from avrgym.learning.normaliser import Normaliser, observation_of
+from avrgym.learning.hyperparameter_files import format_hyperparameters, read_hyperparameters
+from avrgym.learning.hyperparameters import RECURRENT_HYPERPARAMETERS, make_hyperparameters
+from avrgym.learning.normaliser import Normaliser, make_observation_description
 from avrgym.learning.ppo import Agent, export_policy, make_ppo
-from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, cached_worlds, roll_out
+from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, load_cached_worlds, roll_out
 from avrgym.learning.stable_baselines import SB3VectorEnv
 from avrgym.learning.training import (
     TrainingProgress,
-    configuration_for,
+    make_feedforward_configuration,
     read_configuration,
-    resume,
+    resume_training,
     train,
     with_metadata,
 )
-from avrgym.policies.trained import Policy, PolicyMetadata, policy_path
+from avrgym.policies.trained_policies import Policy, PolicyMetadata, find_policy_file
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.tasks.scratch_itch.detour import tool_and_hand_detour_m
+from avrgym.tasks.scratch_itch.detour import compute_tool_and_hand_detour_m
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -82,11 +82,11 @@ def trained(tmp_path_factory) -> tuple[Policy, Path]:
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_schedules_are_linear(environment):
-    how = configuration_for(environment, "revised", 1_000_000, 0)
+    how = make_feedforward_configuration(environment, "revised", 1_000_000, 0)
     steps = np.linspace(how.imitation_steps, how.steps, 31)
     log_std, rate, weight = (
         np.array([at(step) for step in steps])
-        for at in (how.log_std_at, how.learning_rate_at, how.force_weight_at)
+        for at in (how.compute_log_std, how.compute_learning_rate, how.compute_force_weight)
     )
     assert_allclose(log_std, np.linspace(*how.log_std, 31))
     assert_allclose(rate[[0, 15, 30]], how.learning_rate * np.array([1.0, 0.5, 0.01]))
@@ -94,7 +94,7 @@ def test_schedules_are_linear(environment):
     assert_allclose(
         weight[[0, 10, 15, 20, 30]], how.force_weight_per_n * np.array([0.0, 0.0, 0.5, 1.0, 1.0]), atol=1e-12
     )
-    assert [at(0) for at in (how.log_std_at, how.learning_rate_at)] == [log_std[0], rate[0]]
+    assert [at(0) for at in (how.compute_log_std, how.compute_learning_rate)] == [log_std[0], rate[0]]
 
 
 # The wrapper
@@ -148,7 +148,7 @@ def test_a_training_writes_a_policy_that_loads(trained):
     assert found.metadata.seed == 4
     assert 0 < found.metadata.steps <= TINY.steps
     assert set(found.metadata.measured) >= {"success_rate", "reward_mean", "force_mean_newton"}
-    assert found.mean_actions(np.zeros((2, 30))).shape == (2, 7)
+    assert found.compute_mean_actions(np.zeros((2, 30))).shape == (2, 7)
 
 
 @pytest.mark.slow
@@ -200,7 +200,7 @@ def train_whole(configuration: FeedforwardConfiguration, out: Path) -> Whole:
 def whole(tmp_path_factory) -> Whole:
     """Two rounds of imitation and two updates."""
     out, reported = train_whole(LONG, tmp_path_factory.mktemp("runs") / "whole")
-    assert [(progress.stage, progress.steps) for progress in reported] == [
+    assert [(progress.stage, progress.num_timesteps) for progress in reported] == [
         *((f"imitation, update {number} of 4", UPDATE * number) for number in (1, 2)),
         *((f"PPO, update {number} of 4", UPDATE * number) for number in (3, 4)),
         ("evaluation, 2 episodes", 4 * UPDATE),
@@ -236,7 +236,7 @@ def assert_resumes_equally(
 
     with pytest.raises(Killed):
         train(configuration, tmp_path / "cut", kill)
-    resume(tmp_path / "cut", reported.append)
+    resume_training(tmp_path / "cut", reported.append)
     uncut, expected = whole
     assert reported == expected
     first, second = (
@@ -262,7 +262,7 @@ def test_a_training_can_consist_of_imitation_only(tmp_path, monkeypatch):
         ValueError,
         match=f"is complete after {TINY.steps} steps; set --steps to a larger number to continue it",
     ):
-        resume(tmp_path)
+        resume_training(tmp_path)
 
 
 @pytest.mark.slow
@@ -273,18 +273,18 @@ def test_a_complete_training_continues_with_larger_steps(trained, tmp_path, monk
     with pytest.raises(
         ValueError, match=f"has completed {TINY.steps} steps; allowed for --steps: a larger number"
     ):
-        resume(longer, steps=TINY.steps - 1)
-    policy = resume(longer, steps=TINY.steps + 1)
+        resume_training(longer, steps=TINY.steps - 1)
+    policy = resume_training(longer, steps=TINY.steps + 1)
     assert policy.metadata.steps == 3 * UPDATE
     assert policy.metadata.curve[:2] == first.metadata.curve
     assert read_configuration(longer) == replace(TINY, steps=TINY.steps + 1, imitation_share=1.0)
     with pytest.raises(ValueError, match=f"is complete after {3 * UPDATE} steps"):
-        resume(longer)
+        resume_training(longer)
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_longer_training_has_no_more_imitation(environment):
-    how = configuration_for(environment, "revised", 300_000, 0)
+    how = make_feedforward_configuration(environment, "revised", 300_000, 0)
     assert how.with_steps(900_000).imitation_steps == how.imitation_steps
 
 
@@ -294,17 +294,19 @@ def test_a_longer_training_has_no_more_imitation(environment):
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_printed_hyperparameters_are_those_of_the_environment(environment, tmp_path):
     file = tmp_path / "settings.toml"
-    file.write_text(hyperparameters_text(environment))
-    assert read_hyperparameters(file, environment) == hyperparameters_of(environment)
+    file.write_text(format_hyperparameters(environment))
+    assert read_hyperparameters(file, environment) == make_hyperparameters(environment)
     file.write_text("")
-    assert read_hyperparameters(file, environment) == hyperparameters_of(environment)
+    assert read_hyperparameters(file, environment) == make_hyperparameters(environment)
 
 
 def test_a_file_replaces_hyperparameters_of_the_task(tmp_path):
     file = tmp_path / "settings.toml"
     file.write_text("num_envs = 4\nhidden = [16]\n")
-    how = configuration_for(FEEDING, "revised", 1000, 0, hyperparameters=read_hyperparameters(file, FEEDING))
-    assert (how.num_envs, how.net_arch, how.log_std) == (4, (16,), hyperparameters_of(FEEDING).log_std)
+    how = make_feedforward_configuration(
+        FEEDING, "revised", 1000, 0, hyperparameters=read_hyperparameters(file, FEEDING)
+    )
+    assert (how.num_envs, how.net_arch, how.log_std) == (4, (16,), make_hyperparameters(FEEDING).log_std)
 
 
 @pytest.mark.parametrize(
@@ -331,26 +333,26 @@ def test_an_invalid_file_of_hyperparameters_is_refused(text, said, tmp_path):
 @pytest.mark.slow
 def test_damaged_demonstrations_are_named(tmp_path):
     def kill(progress: TrainingProgress) -> None:
-        if progress.steps >= UPDATE:
+        if progress.num_timesteps >= UPDATE:
             raise Killed
 
     with pytest.raises(Killed):
         train(LONG, tmp_path, kill)
     (tmp_path / "shown" / "round_0000.npz").write_bytes(b"PK")
     with pytest.raises(ValueError, match=r"round_0000\.npz: not a file of demonstrations"):
-        resume(tmp_path)
+        resume_training(tmp_path)
 
 
 def test_only_an_interrupted_training_resumes(trained, tmp_path):
     _, out = trained
     with pytest.raises(ValueError, match=f"is complete after {TINY.steps} steps"):
-        resume(out)
+        resume_training(out)
     with pytest.raises(ValueError, match="contains no training"):
-        resume(tmp_path)
+        resume_training(tmp_path)
     (tmp_path / "configuration.json").write_bytes((out / "configuration.json").read_bytes())
     (tmp_path / "checkpoint.pt").write_bytes((out / "checkpoint.pt").read_bytes()[:1000])
     with pytest.raises(ValueError, match=r"checkpoint\.pt: not a checkpoint of this training"):
-        resume(tmp_path)
+        resume_training(tmp_path)
 
 
 def test_an_unknown_environment_writes_nothing(tmp_path):
@@ -363,7 +365,7 @@ def test_an_unknown_environment_writes_nothing(tmp_path):
 def test_a_training_of_an_earlier_version_resumes(tmp_path):
     folder = Path(shutil.copytree(DATA / "training-of-0.2.0", tmp_path / "training"))
     before = read_configuration(folder)
-    resume(folder, steps=before.steps + before.steps_per_update)
+    resume_training(folder, steps=before.steps + before.steps_per_update)
     assert read_configuration(folder).steps == before.steps + before.steps_per_update
 
 
@@ -389,7 +391,7 @@ def test_a_training_of_another_algorithm_is_refused(stored, tmp_path):
 @pytest.mark.parametrize("sizes", [(2, 3), (1, 1, 3)])
 def test_rollouts_do_not_depend_on_the_parts(sizes):
     """Parts give the same rollout as one request; with an expert in some worlds and without."""
-    policy = Policy.load(policy_path("revised", SCRATCHING))
+    policy = Policy.load(find_policy_file("revised", SCRATCHING))
     by_expert = np.array([True, False, False, True, False])
     for how in ({"noise_seed": (3, 400)}, {"expert_drives": by_expert}):
         whole, parts = (
@@ -406,15 +408,15 @@ def expert_rollout(**weights: float) -> Rollout:
     """Two episodes that the task's expert drives."""
     (request,) = requests_of((2,), {"expert_drives": np.ones(2, bool)})
     weighted = replace(request, **{"force_weight_per_n": 0.0, "detour_weight_per_m": 0.0, **weights})
-    return roll_out(Policy.load(policy_path("revised", SCRATCHING)), weighted)
+    return roll_out(Policy.load(find_policy_file("revised", SCRATCHING)), weighted)
 
 
 @pytest.mark.slow
 def test_force_on_the_person_is_subtracted_from_the_rewards():
     plain, weighted = expert_rollout(), expert_rollout(force_weight_per_n=0.5)
     cost = (plain.rewards - weighted.rewards).sum(axis=0)
-    assert_allclose(cost, 0.5 * EPISODE_STEPS * plain.episode_force_n, rtol=1e-4)
-    assert plain.episode_force_n.max() > 1.0
+    assert_allclose(cost, 0.5 * EPISODE_STEPS * plain.episode_mean_force_n, rtol=1e-4)
+    assert plain.episode_mean_force_n.max() > 1.0
 
 
 @pytest.mark.slow
@@ -427,7 +429,9 @@ def test_detours_are_subtracted_from_the_rewards_of_all_but_the_last_step():
     expected = np.zeros((EPISODE_STEPS, 2))
     for number, action in enumerate(plain.actions[:-1]):
         worlds.step(np.clip(action, -1.0, 1.0).astype(float))
-        expected[number] = 2.0 * tool_and_hand_detour_m(worlds.simulation.state(), worlds.task_state)
+        expected[number] = 2.0 * compute_tool_and_hand_detour_m(
+            worlds.simulation.get_state(), worlds.task_state
+        )
     assert_allclose(plain.rewards - weighted.rewards, expected, atol=1e-4)
     assert expected.max() > 0.1
 
@@ -438,11 +442,11 @@ def requests_of(split: tuple[int, ...], how: dict) -> list[RolloutRequest]:
     ends = np.cumsum(split)
     return [
         RolloutRequest(
-            settings=place,
+            world_settings=place,
             first_world_index=int(end - size),
             episode_seeds=np.arange(50, 55)[end - size : end],
             noise_seed=how.get("noise_seed"),
-            expert_controlled=how["expert_drives"][end - size : end] if "expert_drives" in how else None,
+            expert_controlled_mask=how["expert_drives"][end - size : end] if "expert_drives" in how else None,
             force_weight_per_n=0.1,
             detour_weight_per_m=5.0,
         )
@@ -482,18 +486,18 @@ def test_each_recipe_trains_with_the_force_guard_and_resumes(configuration, tmp_
     guards = []
 
     def worlds(*arguments, **named):
-        made = cached_worlds(*arguments, **named)
+        made = load_cached_worlds(*arguments, **named)
         guards.append(made.control_loop.guard)
         return made
 
-    monkeypatch.setattr("avrgym.learning.rollouts.cached_worlds", worlds)
+    monkeypatch.setattr("avrgym.learning.rollouts.load_cached_worlds", worlds)
 
     def kill(progress: TrainingProgress) -> None:
         raise Killed
 
     with pytest.raises(Killed):
         train(configuration, tmp_path, kill)
-    policy = resume(tmp_path)
+    policy = resume_training(tmp_path)
     assert len(guards) >= 2
     assert all(guard is not None for guard in guards)
     assert read_configuration(tmp_path).force_guard
@@ -503,7 +507,7 @@ def test_each_recipe_trains_with_the_force_guard_and_resumes(configuration, tmp_
 
 @pytest.mark.slow
 def test_evaluate_reports_that_a_policy_was_trained_with_the_guard(tmp_path):
-    policy = Policy.load(policy_path("revised", SCRATCHING))
+    policy = Policy.load(find_policy_file("revised", SCRATCHING))
     path = str(tmp_path / "guarded.safetensors")
     with_metadata(policy, force_guard=True).save(path)
     for file, options, warned in ((path, [], True), (path, ["--force-guard"], False), ("revised", [], False)):
@@ -519,18 +523,20 @@ def test_evaluate_reports_that_a_policy_was_trained_with_the_guard(tmp_path):
 def test_the_exported_policy_acts_as_the_model_does(rng, tmp_path):
     """Also where observations are clipped, and after the normaliser was updated."""
     model = make_ppo(replace(TINY, environment=FEEDING), 25, 7, tmp_path)
-    normaliser = Normaliser(observation_of(FEEDING), TINY.gamma)
+    normaliser = Normaliser(make_observation_description(FEEDING), TINY.gamma)
     (request,) = requests_of((2,), {})
     place = replace(
-        request.settings, environment=FEEDING, people=TransferredFile.read("revised"), impairment="none"
+        request.world_settings, environment=FEEDING, people=TransferredFile.read("revised"), impairment="none"
     )
-    rollout = roll_out(Policy.load(policy_path("revised", FEEDING)), replace(request, settings=place))
+    rollout = roll_out(
+        Policy.load(find_policy_file("revised", FEEDING)), replace(request, world_settings=place)
+    )
     normaliser.update_observations(rollout)
     observations = np.concatenate([rollout.observations[:, 0], rng.uniform(-3, 3, (200, 25))])
     normalised = normaliser.normalize_obs(observations)
     expected, _ = model.predict(normalised, deterministic=True)
     metadata = PolicyMetadata(environment=FEEDING, people="", steps=0, seed=0)
     exported = export_policy(Agent(model, normaliser), TINY.log_std[0], metadata)
-    assert_allclose(np.clip(exported.mean_actions(observations), -1.0, 1.0), expected, atol=1e-5)
+    assert_allclose(np.clip(exported.compute_mean_actions(observations), -1.0, 1.0), expected, atol=1e-5)
     assert exported.action_std == pytest.approx(np.exp(TINY.log_std[0]))
     assert np.abs(normalised).max() == 5.0

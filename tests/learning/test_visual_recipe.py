@@ -8,8 +8,8 @@ import pytest
 from avrgym.learning import configuration, training, visual_recipe
 from avrgym.learning.configuration import VisualConfiguration, read_configuration
 from avrgym.learning.hyperparameters import VISUAL_HYPERPARAMETERS
-from avrgym.policies.trained import load_policy
-from avrgym.tasks.camera_images import graphics_error
+from avrgym.policies.trained_policies import load_policy
+from avrgym.tasks.camera_images import find_rendering_error
 
 FEEDING = "avrgym/FeedingJaco-v1"
 SMALL = VisualConfiguration(environment=FEEDING, steps=16, num_envs=4, seed=3)
@@ -27,19 +27,19 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(graphics_error() is not None, reason="no graphics library renders here")
+@pytest.mark.skipif(find_rendering_error() is not None, reason="no graphics library renders here")
 @pytest.mark.usefixtures("small", "one_thread")
 def test_an_interrupted_training_of_vision_gets_the_same_weights(tmp_path: Path) -> None:
     def stop(progress: training.TrainingProgress) -> None:
-        if progress.steps == 8:
+        if progress.num_timesteps == 8:
             raise KeyboardInterrupt
 
     whole = training.train(SMALL, tmp_path / "whole")
     with pytest.raises(KeyboardInterrupt):
         training.train(SMALL, tmp_path / "parts", stop)
     assert read_configuration(tmp_path / "parts") == SMALL
-    resumed = training.resume(tmp_path / "parts")
-    assert resumed.digest == whole.digest
+    resumed = training.resume_training(tmp_path / "parts")
+    assert resumed.parameters_sha256 == whole.parameters_sha256
     assert resumed.metadata.camera == SMALL.camera
     assert resumed.metadata.measured["episodes"] == 1
     saved = load_policy(tmp_path / "whole" / training.POLICY_FILE, FEEDING, 25, 7)

@@ -8,7 +8,7 @@ import pytest
 
 from avrgym.geometry import transforms
 from avrgym.models import human
-from avrgym.models.human import SEATED, Person
+from avrgym.models.human import SEATED_POSTURE, Person
 from helpers.system.paths import ROOT
 
 EXAMPLE = runpy.run_path(str(ROOT / "scripts" / "figures" / "body_alignment.py"))
@@ -52,11 +52,13 @@ def test_upright_people_who_look_ahead_are_upright(way):
 def test_the_heads_of_the_comparison_are_those_of_the_simulated_body(rng):
     for sex in human.SEXES:
         person = Person(sex, 0.57)
-        model = human.person_model(person, SEATED, moving=True)
+        model = human.compile_person_model(person, SEATED_POSTURE, moving=True)
         data, angles_rad = mujoco.MjData(model), rng.uniform(-0.4, 0.4, 6)
         driven = [human.JOINT_INDEX[f"{part}_{axis}"] for part in ("waist", "head") for axis in "xyz"]
         data.qpos[driven] = angles_rad
         mujoco.mj_kinematics(model, data)
         head = EXAMPLE["head_of"](person, angles_rad)
-        np.testing.assert_allclose(head.pos_w, data.site(f"{human.PREFIX}head_centre").xpos, atol=1e-9)
-        assert transforms.angle_between(head.q_w, data.body(f"{human.PREFIX}head").xquat) < 1e-6
+        np.testing.assert_allclose(
+            head.pos_w, data.site(f"{human.PERSON_NAME_PREFIX}head_centre").xpos, atol=1e-9
+        )
+        assert transforms.angle_between(head.q_w, data.body(f"{human.PERSON_NAME_PREFIX}head").xquat) < 1e-6

@@ -8,12 +8,12 @@ from avrgym.models import collision_bits, human
 from avrgym.models.furniture import (
     BOWL_BODY,
     BOWL_INITIAL_POS_M,
-    FURNITURE,
+    FURNITURE_BUILDERS,
     NIGHTSTAND_BODY,
     NIGHTSTAND_TOP_POS_M,
     add_wheelchair,
 )
-from avrgym.models.human import RECLINED, SEATED, Person, Posture, seated_joint_angles
+from avrgym.models.human import RECLINED_POSTURE, SEATED_POSTURE, Person, Posture, make_seated_joint_angles
 from avrgym.robots.jaco.robot import JACO
 
 BED = ("bed_mattress", "bed_backrest", "bed_deck", "bed_footboard", "bed_headboard")
@@ -28,20 +28,20 @@ SHORT_AND_TALL = [
 ]
 LEG_PARTS = [f"{side}_{part}" for side in ("right", "left") for part in ("thigh", "shin", "foot")]
 BACK_PARTS = ("waist", "chest", "right_shoulder", "left_shoulder")
-SCRATCHED_RAD = seated_joint_angles(right_shoulder_y=30.0)
+SCRATCHED_RAD = make_seated_joint_angles(right_shoulder_y=30.0)
 ARM_SPREAD_DEG = 10.0
 FOOTPRINT_RADIUS_M = 0.05
 """The Jaco's foot is 8.5 cm across."""
 
 
 def add_wheelchair_with_bracket(spec: mujoco.MjSpec, appearance: bool) -> None:
-    bracket = JACO.mounts["wheelchair"].carrier
+    bracket = JACO.mounts["wheelchair"].carrier_builder
     assert bracket is not None
     add_wheelchair(spec, appearance)
     bracket(spec, appearance)
 
 
-TO_BUILD = {**FURNITURE, "wheelchair and bracket": add_wheelchair_with_bracket}
+TO_BUILD = {**FURNITURE_BUILDERS, "wheelchair and bracket": add_wheelchair_with_bracket}
 
 
 def compiled(*names: str, appearance: bool = False) -> mujoco.MjModel:
@@ -61,13 +61,13 @@ def with_person(furniture: str, person: Person, posture: Posture) -> mujoco.MjMo
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     human.add_person(spec, person, posture, moving=False)
-    FURNITURE[furniture](spec, False)
+    FURNITURE_BUILDERS[furniture](spec, False)
     return spec.compile()
 
 
 def capsule(model: mujoco.MjModel, data: mujoco.MjData, part: str) -> tuple[np.ndarray, float]:
     """The ends (2, 3) of a body part's axis and its radius."""
-    name = human.PREFIX + part
+    name = human.PERSON_NAME_PREFIX + part
     radius, half, _ = model.geom(name).size
     along = half * data.geom(name).xmat.reshape(3, 3)[:, 2]
     centre = data.geom(name).xpos
@@ -156,7 +156,7 @@ def test_the_backrest_is_raised_by_60_degrees_from_where_the_seat_ends():
 @pytest.mark.parametrize(("sex", "torso_height"), SHORT_AND_TALL)
 def test_legs_lie_on_the_mattress(sex, torso_height):
     """Thighs sink in by at most 1.5 cm, nothing floats more than 6 cm above, and feet do not stick out."""
-    model = with_person("hospital_bed", Person(sex, torso_height), RECLINED)
+    model = with_person("hospital_bed", Person(sex, torso_height), RECLINED_POSTURE)
     data = placed(model)
     half_width, half_length, _ = model.geom("bed_mattress").size
     for part in LEG_PARTS:
@@ -170,24 +170,24 @@ def test_legs_lie_on_the_mattress(sex, torso_height):
 @pytest.mark.parametrize(("sex", "torso_height"), SHORT_AND_TALL)
 def test_the_back_rests_on_the_backrest(sex, torso_height):
     """The trunk sinks in by at most 1 cm; no part of it is more than 3 cm away, and the head is before it."""
-    model = with_person("hospital_bed", Person(sex, torso_height), RECLINED)
+    model = with_person("hospital_bed", Person(sex, torso_height), RECLINED_POSTURE)
     data = placed(model)
     for part in BACK_PARTS:
         ends, radius = capsule(model, data, part)
         gap = from_top_of(model, data, "bed_backrest", ends)[:, 2] - radius
         assert gap.min() > -0.01
         assert gap.max() < 0.03
-    head = from_top_of(model, data, "bed_backrest", data.site(human.PREFIX + "head_centre").xpos)
+    head = from_top_of(model, data, "bed_backrest", data.site(human.PERSON_NAME_PREFIX + "head_centre").xpos)
     assert (np.abs(head[:2]) < model.geom("bed_backrest").size[:2]).all()
 
 
 @pytest.mark.parametrize(("sex", "torso_height"), SHORT_AND_TALL)
 def test_nothing_of_the_bed_but_its_mattress_is_near_the_person(sex, torso_height):
-    model = with_person("hospital_bed", Person(sex, torso_height), RECLINED)
+    model = with_person("hospital_bed", Person(sex, torso_height), RECLINED_POSTURE)
     data = placed(model)
     for part in human.GEOMS:
         for board in ("bed_footboard", "bed_headboard", "bed_deck"):
-            assert distance(model, data, human.PREFIX + part, board) > 0.01
+            assert distance(model, data, human.PERSON_NAME_PREFIX + part, board) > 0.01
 
 
 # Nightstand
@@ -258,8 +258,8 @@ def test_an_arm_to_be_scratched_is_clear_of_the_wheelchair_without_its_armrest(s
     spread = np.array([np.radians(ARM_SPREAD_DEG) * name.startswith("right_") for name in human.JOINTS])
     for share in rng.uniform(-1.0, 1.0, (10, len(spread))):
         person = Person(sex, torso_height, SCRATCHED_RAD + share * spread)
-        model = with_person("wheelchair_without_right_armrest", person, SEATED)
+        model = with_person("wheelchair_without_right_armrest", person, SEATED_POSTURE)
         data = placed(model)
         for part in ("right_forearm", "right_hand"):
             for piece in ("seat", "right_wheel"):
-                assert distance(model, data, human.PREFIX + part, f"wheelchair_{piece}") > 0.01
+                assert distance(model, data, human.PERSON_NAME_PREFIX + part, f"wheelchair_{piece}") > 0.01

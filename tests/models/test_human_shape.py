@@ -6,8 +6,14 @@ import pytest
 
 from avrgym.geometry import transforms
 from avrgym.models import human
-from avrgym.models.human import BODIES, RECLINED, SEATED, SEXES, Person, Sex
-from avrgym.models.human_shape import HEAD_SKIN_PARTS, SKIN_PARTS, SkinMesh, add_person_skins, skin_meshes
+from avrgym.models.human import BODIES, RECLINED_POSTURE, SEATED_POSTURE, SEXES, Person, Sex
+from avrgym.models.human_shape import (
+    HEAD_SKIN_PARTS,
+    SKIN_PARTS,
+    SkinMesh,
+    add_person_skins,
+    make_skin_meshes,
+)
 
 HEIGHTS_M = {"man": (0.50, 0.60, 0.70), "woman": (0.44, 0.54, 0.64)}
 PEOPLE = [(sex, height) for sex in SEXES for height in HEIGHTS_M[sex]]
@@ -16,19 +22,19 @@ everybody = pytest.mark.parametrize(("sex", "torso_height_m"), PEOPLE)
 
 
 def drawn(sex: Sex, torso_height_m: float, *, open_mouth: bool = False) -> dict[str, SkinMesh]:
-    return dict(skin_meshes(Person(sex, torso_height_m), open_mouth=open_mouth))
+    return dict(make_skin_meshes(Person(sex, torso_height_m), open_mouth=open_mouth))
 
 
 def in_body(shape: SkinMesh, sex: Sex, torso_height_m: float, body: str) -> np.ndarray:
     """The vertices that mostly follow a body, in its frame."""
-    pos, q = human.bind_frames(sex, torso_height_m)
+    pos, q = human.compute_bind_frames(sex, torso_height_m)
     weight = np.where(shape.body_indices == BODIES.index(body), shape.body_weights, 0.0).sum(axis=1)
     return transforms.rotate(transforms.conjugate(q[body]), shape.vertices[weight > 0.8] - pos[body])
 
 
 def outside_capsule(places: np.ndarray, sex: Sex, torso_height_m: float, geom: str) -> np.ndarray:
     """How far places in a body's frame are outside of one of its collision geoms that runs along z."""
-    layout = human.body_layout(np.array([sex == "woman"]), np.array([torso_height_m]))
+    layout = human.compute_body_layout(np.array([sex == "woman"]), np.array([torso_height_m]))
     (centre,), (size,) = layout.geom_pos[geom], layout.geom_size[geom]
     offset = places - centre
     offset[:, 2] -= np.clip(offset[:, 2], -size[1], size[1])
@@ -48,7 +54,9 @@ def test_visual_arms_match_their_capsules(sex: Sex, torso_height_m: float, limb:
 @everybody
 def test_lips_are_where_the_mouth_is(sex: Sex, torso_height_m: float) -> None:
     face = in_body(drawn(sex, torso_height_m)["face"], sex, torso_height_m, "head")
-    (mouth,) = human.body_layout(np.array([sex == "woman"]), np.array([torso_height_m])).site_pos["mouth"]
+    (mouth,) = human.compute_body_layout(np.array([sex == "woman"]), np.array([torso_height_m])).site_pos[
+        "mouth"
+    ]
     before = face[(np.abs(face[:, 0]) < 0.01) & (np.abs(face[:, 2] - mouth[2]) < 0.008)]
     assert abs(before[:, 1].min() - mouth[1]) < 0.01
 
@@ -91,7 +99,7 @@ def test_the_heads_parts_move_with_the_head() -> None:
 
 
 def test_sitting_people_wear_shoes_and_lying_people_none() -> None:
-    for posture, worn, bare in ((SEATED, "shoes", "feet"), (RECLINED, "feet", "shoes")):
+    for posture, worn, bare in ((SEATED_POSTURE, "shoes", "feet"), (RECLINED_POSTURE, "feet", "shoes")):
         spec = mujoco.MjSpec()
         person = Person("woman", 0.54)
         human.add_person(spec, person, posture, moving=False)

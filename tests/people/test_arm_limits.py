@@ -11,10 +11,10 @@ from avrgym.models.human import (
     UPPER_LIMITS_RAD,
     People,
     Person,
-    seated_joint_angles,
+    make_seated_joint_angles,
 )
 from avrgym.people import shoulder_limits
-from avrgym.people.shoulder_limits import clip_shoulders, shoulders_within_limits
+from avrgym.people.shoulder_limits import are_shoulders_within_limits, clip_shoulders
 
 SHOULDER = [JOINT_INDEX[f"{side}_shoulder_{axis}"] for side in ("right", "left") for axis in "yxz"]
 
@@ -37,7 +37,9 @@ def mirror(angles: np.ndarray) -> np.ndarray:
 
 def hands(**degrees: float) -> tuple[np.ndarray, np.ndarray]:
     """Where the right and the left hand of the seated man are, each (3,)."""
-    pos_w, _ = human.body_frames(People.from_persons([Person("man", 0.6, seated_joint_angles(**degrees))]))
+    pos_w, _ = human.compute_body_frames(
+        People.from_persons([Person("man", 0.6, make_seated_joint_angles(**degrees))])
+    )
     return pos_w["right_hand"][0], pos_w["left_hand"][0]
 
 
@@ -51,7 +53,7 @@ def shoulder_deg(pose: np.ndarray) -> np.ndarray:
 
 def test_clipped_poses_are_possible_and_within_the_joints_ranges(poses):
     clipped = clip_shoulders(poses)
-    assert shoulders_within_limits(clipped).all()
+    assert are_shoulders_within_limits(clipped).all()
     assert ((clipped >= LOWER_LIMITS_RAD) & (clipped <= UPPER_LIMITS_RAD)).all()
 
 
@@ -63,7 +65,7 @@ def test_clipping_twice_is_clipping_once(poses):
 def test_only_impossible_poses_change(poses):
     poses = np.concatenate([poses, clip_shoulders(poses)])
     unchanged = (clip_shoulders(poses) == poses).all(axis=-1)
-    assert_array_equal(unchanged, shoulders_within_limits(poses))
+    assert_array_equal(unchanged, are_shoulders_within_limits(poses))
     assert 0.4 < unchanged.mean() < 0.6
 
 
@@ -74,7 +76,7 @@ def test_only_shoulders_move(poses):
 
 def test_the_mirror_image_has_the_same_limits(poses):
     poses[::2] = clip_shoulders(poses[::2])
-    assert_array_equal(shoulders_within_limits(mirror(poses)), shoulders_within_limits(poses))
+    assert_array_equal(are_shoulders_within_limits(mirror(poses)), are_shoulders_within_limits(poses))
     assert_array_equal(clip_shoulders(mirror(poses)), mirror(clip_shoulders(poses)))
 
 
@@ -83,7 +85,7 @@ def test_each_pose_is_clipped_independently(poses):
     assert_array_equal(
         clip_shoulders(poses[:50].reshape(5, 10, -1)).reshape(50, -1), clip_shoulders(poses)[:50]
     )
-    assert shoulders_within_limits(poses[7]) == shoulders_within_limits(poses)[7]
+    assert are_shoulders_within_limits(poses[7]) == are_shoulders_within_limits(poses)[7]
 
 
 def test_the_input_pose_does_not_change(poses):
@@ -94,8 +96,8 @@ def test_the_input_pose_does_not_change(poses):
 
 def test_every_abduction_and_flexion_leaves_room_to_turn():
     abduction = np.linspace(*shoulder_limits.ABDUCTION_RANGE_RAD, 200)[:, None]
-    low, high = shoulder_limits.flexion_range_rad(abduction)
-    internal, external = shoulder_limits.rotation_range_rad(
+    low, high = shoulder_limits.compute_flexion_range_rad(abduction)
+    internal, external = shoulder_limits.compute_rotation_range_rad(
         abduction, low + (high - low) * np.linspace(0, 1, 200)
     )
     assert (high - low > np.radians(100.0)).all()
@@ -133,7 +135,9 @@ def test_angles_follow_anatomical_conventions():
     ],
 )
 def test_limits_match_values_computed_by_hand(degrees, expected):
-    assert_allclose(shoulder_deg(clip_shoulders(seated_joint_angles(**degrees)))[:3], expected, atol=1e-3)
+    assert_allclose(
+        shoulder_deg(clip_shoulders(make_seated_joint_angles(**degrees)))[:3], expected, atol=1e-3
+    )
 
 
 @pytest.mark.parametrize("rotation", [-90.0, 90.0])
@@ -142,12 +146,12 @@ def test_limits_are_constant_where_two_axes_coincide(rotation):
     abductions = [15.0, 30.0, 45.0, 60.0, 75.0]
     poses = np.stack(
         [
-            seated_joint_angles(right_shoulder_y=a, right_shoulder_x=-90.0, right_shoulder_z=rotation)
+            make_seated_joint_angles(right_shoulder_y=a, right_shoulder_x=-90.0, right_shoulder_z=rotation)
             for a in abductions
         ]
     )
-    people = People.unimpaired(np.full(5, False), np.full(5, 0.6), clip_shoulders(poses))
-    q_w = human.body_frames(people)[1]["right_upper_arm"]
+    people = People.make_unimpaired(np.full(5, False), np.full(5, 0.6), clip_shoulders(poses))
+    q_w = human.compute_body_frames(people)[1]["right_upper_arm"]
     assert_allclose(transforms.angle_between(q_w[:1], q_w), 0.0, atol=1e-7)
 
 
@@ -156,7 +160,7 @@ def test_limits_are_constant_where_two_axes_coincide(rotation):
 
 def spread(rng, **degrees: float) -> np.ndarray:
     """Poses (4000, 20): the named angles in degrees, ± 10° in every joint of the right arm."""
-    pose = np.tile(seated_joint_angles(**degrees), (4000, 1))
+    pose = np.tile(make_seated_joint_angles(**degrees), (4000, 1))
     arm = [column for name, column in JOINT_INDEX.items() if name.startswith("right")]
     pose[:, arm] += np.radians(rng.uniform(-10.0, 10.0, (4000, len(arm))))
     return np.clip(pose, LOWER_LIMITS_RAD, UPPER_LIMITS_RAD)
@@ -170,12 +174,12 @@ BED = {
 
 @pytest.mark.parametrize("degrees", [{"right_shoulder_y": 30.0}, BED])
 def test_poses_for_scratching_and_bathing_are_all_possible(rng, degrees):
-    assert shoulders_within_limits(spread(rng, **degrees)).all()
+    assert are_shoulders_within_limits(spread(rng, **degrees)).all()
 
 
 def test_of_poses_about_the_seated_one_only_arms_pressed_inward_are_impossible(rng):
     poses = spread(rng)
-    assert shoulders_within_limits(seated_joint_angles())
+    assert are_shoulders_within_limits(make_seated_joint_angles())
     pressed = shoulder_deg(poses)[:, 0] < -9.0
-    assert_array_equal(shoulders_within_limits(poses), ~pressed)
+    assert_array_equal(are_shoulders_within_limits(poses), ~pressed)
     assert 0.03 < pressed.mean() < 0.07

@@ -14,7 +14,7 @@ from avrgym.people.clinical_impairments import sample_motor_signs
 from avrgym.people.impaired_motion import MotorSigns
 from avrgym.people.population_names import SEVERITIES
 from avrgym.policies import registry
-from avrgym.policies.trained import Policy
+from avrgym.policies.trained_policies import Policy
 from avrgym.tasks.constants import PAPER_ENVIRONMENTS
 from avrgym.tasks.episodes import Episodes
 
@@ -28,16 +28,18 @@ HEAD = np.array([name.startswith("head") for name in JOINTS])
 
 
 def signs_of(impairment: str) -> MotorSigns:
-    return sample_motor_signs(impairment, np.random.default_rng(5).random((COUNT, impairments.NUM_UNIFORMS)))
+    return sample_motor_signs(
+        impairment, np.random.default_rng(5).random((COUNT, impairments.NUM_RANDOM_NUMBERS))
+    )
 
 
 def executed(impairment: str, seconds: float = 6.0, step_s: float = STEP_S) -> np.ndarray:
     """Executed angles (T, N, 20) of people who are commanded to move all joints by 20° at 40°/s."""
     signs, rest = signs_of(impairment), np.tile(SEATED_POSE_RAD, (COUNT, 1))
-    state, angles = impaired_motion.initial_state(rest), []
+    state, angles = impaired_motion.make_initial_state(rest), []
     for number in range(round(seconds / step_s)):
         target = rest + np.minimum(np.radians(40.0) * step_s * (number + 1), np.radians(20.0))
-        state, angle = impaired_motion.step(signs, state, target, rest, step_s)
+        state, angle = impaired_motion.step_impaired_motion(signs, state, target, rest, step_s)
         angles.append(angle)
     return np.array(angles)
 
@@ -92,7 +94,7 @@ def test_unaffected_joints_follow_the_command(name, affected):
         reached = executed(f"{name}:{grade}")[-1]
         assert_allclose(reached[:, ~affected], np.broadcast_to(GOAL_RAD, reached.shape)[:, ~affected])
         signs = signs_of(f"{name}:{grade}")
-        assert (signs.torque_share[:, ~affected] == 1.0).all()
+        assert (signs.torque_fraction[:, ~affected] == 1.0).all()
         assert (signs.damping_n_m_s[:, ~affected] == 0.0).all()
 
 
@@ -104,7 +106,7 @@ def test_c4_injury_leaves_only_the_head():
 def test_c5_flexes_the_elbow_and_c6_extends_the_wrist():
     """Key muscles of ISNCSCI: elbow flexors at C5, wrist extensors at C6, elbow extensors only at C7."""
     elbow, wrist = JOINT_INDEX["right_elbow_x"], JOINT_INDEX["right_wrist_x"]
-    c4, c5, c6 = (signs_of(f"spinal_cord_injury:{level}").torque_share for level in ("C4", "C5", "C6"))
+    c4, c5, c6 = (signs_of(f"spinal_cord_injury:{level}").torque_fraction for level in ("C4", "C5", "C6"))
     assert (c4[:, elbow] < 0.1).all()
     assert (c5[:, elbow, 0] > 0.1).all()
     assert (c5[:, wrist] < 0.1).all()
@@ -126,8 +128,10 @@ def test_ataxic_people_overshoot_and_tremble_near_the_goal():
     assert (past[0].mean(axis=0) > 0.2).all()
     assert (np.diff([each.mean() for each in past]) > 0.0).all()
     signs, rest = signs_of("ataxia:severe"), np.tile(SEATED_POSE_RAD, (COUNT, 1))
-    state = impaired_motion.initial_state(rest)
-    still = [impaired_motion.step(signs, state, rest, rest, STEP_S)[1] - rest for _ in range(10)]
+    state = impaired_motion.make_initial_state(rest)
+    still = [
+        impaired_motion.step_impaired_motion(signs, state, rest, rest, STEP_S)[1] - rest for _ in range(10)
+    ]
     assert not np.any(still), "no intention, no tremor"
 
 
@@ -158,11 +162,11 @@ def test_adaptive_policies_run_and_joints_stay_within_limits(environment, name):
     assert isinstance(policy, Policy)
     generators = [np.random.default_rng(seed) for seed in range(2)]
     observation = episodes.reset(np.arange(2), generators)
-    act = registry.action_function(policy, episodes, generators)
+    act = registry.make_action_function(policy, episodes, generators)
     for _ in range(20):
         observation = episodes.step(act(observation)).observation
         assert np.isfinite(observation).all()
-        angles = episodes.simulation.person_joint_angles_rad()
+        angles = episodes.simulation.get_person_joint_angles_rad()
         assert (angles >= LOWER_LIMITS_RAD - 0.05).all()
         assert (angles <= UPPER_LIMITS_RAD + 0.05).all()
 

@@ -7,26 +7,27 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from avrgym.commands.preferences import SPEED_FACTOR_STEP
-from avrgym.people.population_names import ALLOWED_PEOPLE, TRAIN_ZOO, UNSEEN_ZOO
-from avrgym.people.zoo.commanding import COMMANDING_PARTNER_SETS, PartnerCommands
+from avrgym.people.population_names import ALLOWED_PEOPLE_TEXT, TRAIN_ZOO, UNSEEN_ZOO
+from avrgym.people.zoo.commanding_partners import COMMANDING_PARTNER_SETS, PartnerCommands
 from avrgym.people.zoo.partners import PARTNERS, ZOO_PARTNER_SETS
-from avrgym.people.zoo.styles import COMMAND_SOURCES, COMMANDING_STYLE_NAME
+from avrgym.people.zoo.styles import COMMAND_PARAMETER_SOURCES, COMMANDING_STYLE_NAME
 from avrgym.policies import registry
-from avrgym.policies.trained import Policy, policy_path
-from avrgym.safety.pacing import WAITING
+from avrgym.policies.trained_policies import Policy, find_policy_file
+from avrgym.safety.pacing import WAITING_MODE
 from avrgym.tasks.episodes import Episodes
 
 ENVIRONMENT, STEP_S = "avrgym/FeedingJaco-v1", 0.1
 
 
 def test_only_populations_of_their_name_contain_them() -> None:
-    assert COMMANDING_STYLE_NAME in ALLOWED_PEOPLE
+    assert COMMANDING_STYLE_NAME in ALLOWED_PEOPLE_TEXT
     assert COMMANDING_STYLE_NAME not in {partner.style for partner in PARTNERS}
     assert not set(COMMANDING_PARTNER_SETS) & set(ZOO_PARTNER_SETS)
     trained, unseen = (
-        COMMANDING_PARTNER_SETS[f"{zoo}/{COMMANDING_STYLE_NAME}"].commands for zoo in (TRAIN_ZOO, UNSEEN_ZOO)
+        COMMANDING_PARTNER_SETS[f"{zoo}/{COMMANDING_STYLE_NAME}"].command_parameters
+        for zoo in (TRAIN_ZOO, UNSEEN_ZOO)
     )
-    for name in COMMAND_SOURCES:
+    for name in COMMAND_PARAMETER_SOURCES:
         assert not set(getattr(trained, name)) & set(getattr(unseen, name))
 
 
@@ -37,11 +38,11 @@ def test_commands_follow_the_parameters() -> None:
     uniforms = rng.random((worlds, 3))
     people.reset(np.arange(worlds), uniforms)
     own = COMMANDING_PARTNER_SETS[f"{TRAIN_ZOO}/{COMMANDING_STYLE_NAME}"]
-    parameters = own.commands.of(own.draw_rows(uniforms[:, :2]))
+    parameters = own.command_parameters.select_partners(own.sample_partner_rows(uniforms[:, :2]))
     speed, waits, before = np.ones(worlds), np.zeros(worlds), people.snapshot()
     for _ in range(600):
         waits += dict(people.step(np.zeros(worlds, dtype=bool), speed, STEP_S))["wait"]
-    assert (np.abs(waits - parameters.wait_per_min) <= 1.0).all()
+    assert (np.abs(waits - parameters.wait_commands_per_min) <= 1.0).all()
     people.restore(before)
     waiting, ready_s = np.ones(worlds, dtype=bool), np.full(worlds, np.inf)
     for step in range(30):
@@ -60,15 +61,15 @@ def test_the_robot_waits_for_them_and_a_copy_continues_bit_identically() -> None
     episodes = Episodes(ENVIRONMENT, 2, people=f"{TRAIN_ZOO}/{COMMANDING_STYLE_NAME}", num_threads=1)
     generators = [np.random.default_rng(seed) for seed in range(2)]
     episodes.reset(np.arange(2), generators)
-    policy = Policy.load(policy_path("revised", ENVIRONMENT))
-    act = registry.action_function(policy, episodes, generators)
+    policy = Policy.load(find_policy_file("revised", ENVIRONMENT))
+    act = registry.make_action_function(policy, episodes, generators)
     pacing, waited, gone_on = episodes.control_loop.pacing, np.zeros(2, dtype=bool), np.zeros(2, dtype=bool)
     assert pacing is not None
     observation = episodes.observe()
     for _ in range(140):
         observation = episodes.step(act(observation)).observation
-        waited |= pacing.mode == WAITING
-        gone_on |= waited & (pacing.mode != WAITING)
+        waited |= pacing.mode_index == WAITING_MODE
+        gone_on |= waited & (pacing.mode_index != WAITING_MODE)
     assert gone_on.all()
     copy = pickle.loads(pickle.dumps(episodes))
     for _ in range(5):

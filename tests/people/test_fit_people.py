@@ -10,28 +10,33 @@ import pytest
 from msgspec.structs import asdict
 from typer.testing import CliRunner, Result
 
-from avrgym.analysis.fit_people import FITTED_JOINTS, covering_range, fit_people, write_people_file
+from avrgym.analysis.fit_people import (
+    FITTED_JOINT_NAMES,
+    compute_covering_range,
+    fit_people,
+    write_people_file,
+)
 from avrgym.cli.main import app
 from avrgym.learning.evaluation import evaluate
-from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED, SEXES, Sex
+from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED_POSTURE, SEXES, Sex
 from avrgym.people import distributions
 from avrgym.people.people_file import PeopleFileError, parse_people, read_people
 from avrgym.recording.configuration import BodyModel
 from avrgym.recording.schema import Answer, BodyTargets, Control, Event, Outcome, TrackingFrame
 from avrgym.recording.writer import RecordingWriter
-from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion
+from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion_answers
 from avrgym.study.storage.answers import record_trial_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from avrgym.tasks.registry import TASKS
 from helpers.studies.configurations import configuration
 from helpers.studies.small_studies import METRICS, eligible_answers, make_study
 from helpers.system.paths import ROOT
 
 TASK = "Feeding"
-REST_DEG = np.degrees(TASKS[TASK].pose.rest_rad)
+REST_DEG = np.degrees(TASKS[TASK].pose_distribution.rest_angles_rad)
 ENDS_S = 3.0
 """The robot drives from 1 s until then."""
 HEIGHTS_M: Mapping[Sex, list[float]] = {"man": [0.55, 0.58], "woman": [0.51, 0.54, 0.52]}
@@ -77,7 +82,7 @@ def record(
 
 
 def take_part(
-    store: Store,
+    store: StudyStore,
     sex: Sex,
     torso_height_m: float,
     lean_deg: float,
@@ -89,14 +94,12 @@ def take_part(
     """Somebody completes their trials."""
     pseudonym = enrol_participant(store, sex, age_years=22, simulated=simulated)
     record_consent(store, pseudonym)
-    assert record_inclusion(store, pseudonym, eligible_answers(store))
+    assert record_inclusion_answers(store, pseudonym, eligible_answers(store))
     session = open_session(store, pseudonym)
-    for trial in store.remaining_trials(pseudonym):
+    for trial in store.read_remaining_trials(pseudonym):
         attempt = begin_attempt(store, session.id, trial.position)
-        record(
-            store.absolute_path(attempt.recording), sex, torso_height_m, lean_deg, largest_motion_deg, held
-        )
-        for item in store.design.items_at_moment("after_trial"):
+        record(store.resolve_path(attempt.recording), sex, torso_height_m, lean_deg, largest_motion_deg, held)
+        for item in store.design.list_items_at_moment("after_trial"):
             record_trial_answer(store, attempt.id, Answer(item.id, 4, 1.0))
         complete_attempt(store, attempt.id, METRICS)
     close_session(store, session.id)
@@ -106,7 +109,7 @@ def study(folder: Path, *, largest_motion_deg: float = 1.0, simulated: bool = Tr
     """A study with one task and robot, two trials each, of so many participants."""
     make_study(folder, tasks=f'["{TASK}"]', robots='["Jaco"]', practice_policy='""')
     bodies: list[tuple[Sex, float]] = [(sex, height_m) for sex in SEXES for height_m in HEIGHTS_M[sex]]
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         for (sex, height_m), lean_deg in list(zip(bodies, LEANS_DEG, strict=True))[:count]:
             take_part(store, sex, height_m, lean_deg, largest_motion_deg, simulated)
     return folder
@@ -134,7 +137,7 @@ def avrgym(*arguments: str | Path) -> Result:
 @pytest.mark.parametrize("count", [2, 5, 20])
 def test_fitted_ranges_cover_all_participants(rng: np.random.Generator, count: int) -> None:
     drawn = rng.uniform(-1.0, 3.0, (4000, count))
-    ranges = np.array([covering_range(values, (-np.inf, np.inf)) for values in drawn])
+    ranges = np.array([compute_covering_range(values, (-np.inf, np.inf)) for values in drawn])
     assert (ranges[:, 0] <= drawn.min(axis=1)).all()
     assert (ranges[:, 1] >= drawn.max(axis=1)).all()
     error = ranges.std(axis=0) / np.sqrt(len(ranges))
@@ -142,7 +145,7 @@ def test_fitted_ranges_cover_all_participants(rng: np.random.Generator, count: i
 
 
 def test_ranges_stay_within_what_the_model_allows() -> None:
-    assert covering_range([0.1, 0.9], (0.0, 1.0)) == (0.0, 1.0)
+    assert compute_covering_range([0.1, 0.9], (0.0, 1.0)) == (0.0, 1.0)
 
 
 # From a study ------------------------------------------------------------------------------------------------
@@ -153,7 +156,7 @@ def test_still_participants_are_fitted_at_their_pose(fitted: Path) -> None:
     found = read_people(fitted, TASKS)
     assert not found.cooperating
     pose = found.poses[TASK]
-    assert tuple(pose) == FITTED_JOINTS
+    assert tuple(pose) == FITTED_JOINT_NAMES
     assert pose["waist_x"] == pytest.approx((-2.0 - 6.0 / 4, 4.0 + 6.0 / 4))
     assert pose["head_z"] == pytest.approx((0.5, 0.5))
     assert pose["right_elbow_x"] == pytest.approx((-90.0, -90.0))
@@ -184,7 +187,7 @@ def test_the_file_contains_its_source_and_is_reproducible(folder: Path, fitted: 
 
 def test_simulated_participants_are_ignored_among_real_ones(tmp_path: Path) -> None:
     folder = study(tmp_path / "mixed", simulated=False, count=3)
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         take_part(store, "man", 0.70, 70.0, 1.0, simulated=True)
     fit = fit_people(folder)
     assert fit.people_file.source is not None
@@ -195,7 +198,7 @@ def test_simulated_participants_are_ignored_among_real_ones(tmp_path: Path) -> N
 
 def test_trials_with_stale_tracking_are_skipped_and_listed(tmp_path: Path) -> None:
     folder = study(tmp_path / "held", count=3)
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         take_part(store, "woman", 0.60, 50.0, 1.0, True, held=True)
     fit = fit_people(folder)
     assert fit.people_file.source is not None
@@ -239,9 +242,9 @@ def test_too_few_participants_are_refused(tmp_path: Path, count: int) -> None:
 
 def test_sampled_people_fill_the_ranges_of_the_file(fitted: Path, rng: np.random.Generator) -> None:
     file, distribution = read_people(fitted, TASKS), distributions.find_distribution(str(fitted), TASKS)
-    pose = distribution.pose_for_task(TASK, TASKS[TASK].pose)
+    pose = distribution.get_pose_distribution(TASK, TASKS[TASK].pose_distribution)
     group = distributions.sample_people(
-        distribution, pose, SEATED, None, rng.random((4000, distributions.NUM_UNIFORMS))
+        distribution, pose, SEATED_POSTURE, None, rng.random((4000, distributions.NUM_RANDOM_NUMBERS))
     )
     for sex, limits in (("man", file.torso_height_m.man), ("woman", file.torso_height_m.woman)):
         heights_m = group.torso_height_m[group.is_woman == (sex == "woman")]
@@ -254,21 +257,24 @@ def test_sampled_people_fill_the_ranges_of_the_file(fitted: Path, rng: np.random
 
 
 def test_tasks_without_ranges_keep_their_pose(fitted: Path) -> None:
-    distribution, usual = distributions.find_distribution(str(fitted), TASKS), TASKS["ScratchItch"].pose
-    pose = distribution.pose_for_task("ScratchItch", usual)
-    np.testing.assert_array_equal(pose.rest_rad, usual.rest_rad)
-    np.testing.assert_array_equal(pose.spread_rad, usual.spread_rad)
+    distribution, usual = (
+        distributions.find_distribution(str(fitted), TASKS),
+        TASKS["ScratchItch"].pose_distribution,
+    )
+    pose = distribution.get_pose_distribution("ScratchItch", usual)
+    np.testing.assert_array_equal(pose.rest_angles_rad, usual.rest_angles_rad)
+    np.testing.assert_array_equal(pose.max_offset_rad, usual.max_offset_rad)
 
 
 def test_environments_and_evaluation_use_a_people_file(fitted: Path) -> None:
     env = gym.make(f"avrgym/{TASK}Jaco-v1", people=str(fitted))
     lows, highs = zip(
-        *(read_people(fitted, TASKS).poses[TASK][joint] for joint in FITTED_JOINTS), strict=True
+        *(read_people(fitted, TASKS).poses[TASK][joint] for joint in FITTED_JOINT_NAMES), strict=True
     )
     for seed in range(3):
         env.reset(seed=seed)
-        person = env.unwrapped.episodes.person_of_world(0)  # pyright: ignore[reportAttributeAccessIssue]
-        drawn = np.degrees([person.joint_angles_rad[JOINT_INDEX[joint]] for joint in FITTED_JOINTS])
+        person = env.unwrapped.episodes.get_person(0)  # pyright: ignore[reportAttributeAccessIssue]
+        drawn = np.degrees([person.joint_angles_rad[JOINT_INDEX[joint]] for joint in FITTED_JOINT_NAMES])
         assert (drawn >= np.array(lows) - 1e-6).all()
         assert (drawn <= np.array(highs) + 1e-6).all()
     assert evaluate(f"avrgym/{TASK}Jaco-v1", "zero", str(fitted), 1, 0).people == str(fitted)

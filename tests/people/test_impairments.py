@@ -16,11 +16,11 @@ STILL = np.zeros((4, 7))
 @pytest.fixture
 def group(rng) -> People:
     angles = rng.uniform(LOWER_LIMITS_RAD, UPPER_LIMITS_RAD, (COUNT, len(JOINTS)))
-    return People.unimpaired(rng.random(COUNT) < 0.5, rng.uniform(0.5, 0.6, COUNT), angles)
+    return People.make_unimpaired(rng.random(COUNT) < 0.5, rng.uniform(0.5, 0.6, COUNT), angles)
 
 
 def impaired(group: People, name: str, rng: np.random.Generator) -> People:
-    uniforms = rng.random((COUNT, impairments.NUM_UNIFORMS))
+    uniforms = rng.random((COUNT, impairments.NUM_RANDOM_NUMBERS))
     return impairments.apply_impairment(group, impairments.parse_impairment(name), uniforms)
 
 
@@ -75,7 +75,7 @@ def test_joints_tremble_with_their_amplitude():
         episodes.command_robots(STILL)
         for substep in range(DEFAULT_SUBSTEPS):
             episodes.step_physics(substep, 1)
-            angles.append(episodes.simulation.person_joint_angles_rad())
+            angles.append(episodes.simulation.get_person_joint_angles_rad())
         episodes.evaluate_step(STILL)
     heads = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
     swing = np.ptp(np.array(angles[-4 * DEFAULT_SUBSTEPS :]), axis=0)[:, heads] / 2.0
@@ -88,14 +88,14 @@ def test_the_tremor_of_the_head_alternates_every_control_step():
     heads = []
     for _ in range(12):
         episodes.step(STILL)
-        heads.append(episodes.simulation.person_joint_angles_rad()[:, JOINT_INDEX["head_z"]])
+        heads.append(episodes.simulation.get_person_joint_angles_rad()[:, JOINT_INDEX["head_z"]])
     steps = np.diff(np.array(heads)[2:], axis=0)
     assert (steps[1:] * steps[:-1] < 0.0).all()
 
 
 def test_weak_people_have_less_torque_and_hold_their_pose():
     episodes = reset_episodes("weakness")
-    before = episodes.simulation.person_joint_angles_rad()
+    before = episodes.simulation.get_person_joint_angles_rad()
     torque = episodes.simulation.batch.expanded("actuator_forcerange")
     assert torque is not None
     actuators = [episodes.simulation.model.actuator(f"person/{name}").id for name in JOINTS]
@@ -103,7 +103,7 @@ def test_weak_people_have_less_torque_and_hold_their_pose():
     assert_allclose(torque[:, actuators, 1], expected)
     for _ in range(10):
         episodes.step(STILL)
-    assert_allclose(episodes.simulation.person_joint_angles_rad(), before, atol=0.002)
+    assert_allclose(episodes.simulation.get_person_joint_angles_rad(), before, atol=0.002)
 
 
 @pytest.mark.parametrize("name", IMPAIRMENTS)

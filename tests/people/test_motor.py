@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from avrgym.models.human import JOINT_INDEX, RECLINED, SEATED, Person
+from avrgym.models.human import JOINT_INDEX, RECLINED_POSTURE, SEATED_POSTURE, Person
 from avrgym.models.scene import DEFAULT_SUBSTEPS, PHYSICS_STEP_S
-from avrgym.people import cooperation, distributions, impairments, motor, shoulder_limits
-from avrgym.people.distributions import BASE_DISTRIBUTIONS, NAMED_DISTRIBUTIONS
+from avrgym.people import cooperation, distributions, impairments, motor_model, shoulder_limits
+from avrgym.people.distributions import NAMED_DISTRIBUTIONS, POPULATION_DISTRIBUTIONS
 from avrgym.people.zoo import partners
 from avrgym.people.zoo.partner_behaviour import PartnerState
 from avrgym.simulation.worlds import State
@@ -21,23 +21,25 @@ from helpers.simulation.worlds import resting_state
 FEEDING = "avrgym/FeedingJaco-v1"
 HEAD_Z, ELBOW = JOINT_INDEX["head_z"], JOINT_INDEX["right_elbow_x"]
 WORLDS = 120
-MOVING = [name for name, distribution in BASE_DISTRIBUTIONS.items() if distribution.moving]
+MOVING = [name for name, distribution in POPULATION_DISTRIBUTIONS.items() if distribution.is_moving]
 
 
-def at_rest(count: int = 1) -> motor.MotorState:
+def is_at_rest(count: int = 1) -> motor_model.MotorState:
     """People who do not sway, with different noise."""
     people = distributions.repeat_person(Person("man", 0.6), count)
     noise = np.random.default_rng(0).random((count, 3))
-    return motor.initial_state(people, None, np.ones(count), noise)
+    return motor_model.make_initial_state(people, None, np.ones(count), noise)
 
 
-def turned(state: motor.MotorState, goals_rad: list[float]) -> np.ndarray:
+def turned(state: motor_model.MotorState, goals_rad: list[float]) -> np.ndarray:
     """The targets (steps, N, 20) of people who turn the head to one goal each 0.1 s."""
     shown = []
     for goal in goals_rad:
-        wanted = state.goal_rad.copy()
+        wanted = state.goal_angles_rad.copy()
         wanted[:, HEAD_Z] = goal
-        state, targets = motor.next_joint_targets_rad(motor.set_goal_angles(state, wanted), DEFAULT_SUBSTEPS)
+        state, targets = motor_model.advance_joint_targets_rad(
+            motor_model.set_goal_angles(state, wanted), DEFAULT_SUBSTEPS
+        )
         shown.append(targets)
     return np.concatenate(shown)
 
@@ -47,15 +49,17 @@ def turned(state: motor.MotorState, goals_rad: list[float]) -> np.ndarray:
 @pytest.mark.parametrize("people", MOVING)
 def test_no_joint_target_moves_faster_than_its_limit(people: str, task: str) -> None:
     """Of all styles, while the tool wanders near and far, with tremor."""
-    rng, distribution = np.random.default_rng(5), BASE_DISTRIBUTIONS[people]
-    uniforms = rng.random((WORLDS, cooperation.NUM_UNIFORMS))
-    body = distributions.repeat_person(Person("man", 0.6, TASKS[task].pose.rest_rad), WORLDS)
+    rng, distribution = np.random.default_rng(5), POPULATION_DISTRIBUTIONS[people]
+    uniforms = rng.random((WORLDS, cooperation.NUM_RANDOM_NUMBERS))
+    body = distributions.repeat_person(
+        Person("man", 0.6, TASKS[task].pose_distribution.rest_angles_rad), WORLDS
+    )
     drawn = None if distribution.partners is None else distribution.partners.sample(uniforms[:, :2])
     if drawn is not None:
         body = partners.apply_partner_bodies(body, drawn)
-    body = impairments.apply_impairment(body, "tremor", rng.random((WORLDS, impairments.NUM_UNIFORMS)))
-    posture = RECLINED if task == "BedBathing" else SEATED
-    model = BehaviourModel(distribution, body, TASKS[task].offered, posture, human_actions=False)
+    body = impairments.apply_impairment(body, "tremor", rng.random((WORLDS, impairments.NUM_RANDOM_NUMBERS)))
+    posture = RECLINED_POSTURE if task == "BedBathing" else SEATED_POSTURE
+    model = BehaviourModel(distribution, body, TASKS[task].offered_body_part, posture, human_actions=False)
     model.reset(np.arange(WORLDS), body, uniforms)
     mouth = np.tile([[0.0, -0.1, 1.2]], (WORLDS, 1))
     arm = np.tile([[[-0.2, 0.0, 1.1], [-0.2, 0.0, 0.85], [-0.2, -0.3, 0.85]]], (WORLDS, 1, 1))
@@ -65,7 +69,7 @@ def test_no_joint_target_moves_faster_than_its_limit(people: str, task: str) -> 
     way, shown, startled = np.zeros((WORLDS, 3)), [], np.zeros(WORLDS, dtype=bool)
 
     def possible(angles: np.ndarray) -> np.ndarray:
-        return shoulder_limits.clip_shoulders(impairments.clip_to_ranges(body, angles))
+        return shoulder_limits.clip_shoulders(impairments.clip_to_joint_ranges(body, angles))
 
     def observe() -> State:
         return replace(seen, tool_pos_w=mouth + way)
@@ -73,46 +77,52 @@ def test_no_joint_target_moves_faster_than_its_limit(people: str, task: str) -> 
     for _ in range(60):
         way = np.clip(way + rng.uniform(-0.15, 0.15, way.shape), -0.5, 0.5)
         model.choose_goal_angles(observe, possible)
-        shown.append(model.next_joint_targets(possible, DEFAULT_SUBSTEPS))
+        shown.append(model.advance_joint_targets(possible, DEFAULT_SUBSTEPS))
         state = model.snapshot()[0]
         if isinstance(state, PartnerState):
             startled |= state.startle_count > 0.0
     speed = np.abs(np.diff(np.concatenate(shown), axis=0)).max(axis=0) / PHYSICS_STEP_S
-    limit = motor.speed_limit_rad_s(model.snapshot()[1], startled)
+    limit = motor_model.compute_speed_limit_rad_s(model.snapshot()[1], startled)
     assert (speed <= limit + 1e-9).all()
     assert (speed > 0.3 * limit).any(axis=0).sum() > 3, "people hardly moved"
-    assert startled.any() == (drawn is not None and TASKS[task].offered in ("mouth", "arm"))
+    assert startled.any() == (drawn is not None and TASKS[task].offered_body_part in ("mouth", "arm"))
 
 
 def test_accelerations_stay_within_their_limits_even_if_the_goal_jumps():
     goals = [0.8] * 5 + [-0.8] * 9 + [0.8] * 3 + [0.0] * 12
-    shown = turned(at_rest(50), goals)
+    shown = turned(is_at_rest(50), goals)
     acceleration = np.abs(np.diff(shown[..., HEAD_Z], n=2, axis=0)).max() / PHYSICS_STEP_S**2
-    limit = motor.MAX_JOINT_ACCELERATION_RAD_S2[HEAD_Z]
+    limit = motor_model.MAX_JOINT_ACCELERATION_RAD_S2[HEAD_Z]
     assert 0.6 * limit < acceleration <= limit
 
 
 def test_movements_are_bell_shaped_and_arrive_without_overshoot():
-    shown = turned(at_rest(), [0.5] * 20)[:, 0, HEAD_Z]
+    shown = turned(is_at_rest(), [0.5] * 20)[:, 0, HEAD_Z]
     speed = np.diff(shown) / PHYSICS_STEP_S
     assert (speed >= 0.0).all()
     assert shown.max() <= 0.5
     assert shown[-1] == pytest.approx(0.5, abs=1e-4)
     peak = int(speed.argmax())
     assert (np.diff(speed[:peak]) > -1e-3).all()
-    assert 0.7 * motor.MAX_JOINT_SPEED_RAD_S[HEAD_Z] < speed[peak] <= motor.MAX_JOINT_SPEED_RAD_S[HEAD_Z]
+    assert (
+        0.7 * motor_model.MAX_JOINT_SPEED_RAD_S[HEAD_Z]
+        < speed[peak]
+        <= motor_model.MAX_JOINT_SPEED_RAD_S[HEAD_Z]
+    )
 
 
 def test_noise_is_proportional_to_speed():
-    slow, usual = at_rest(400), at_rest(400)
+    slow, usual = is_at_rest(400), is_at_rest(400)
     slow = replace(slow, speed_factor=0.25 * slow.speed_factor)
     spread = []
     for state in (slow, usual):
         speed = np.diff(turned(state, [3.0] * 8)[-10:, :, HEAD_Z], axis=0).mean(axis=0) / PHYSICS_STEP_S
         spread.append(speed.std())
     assert spread[1] == pytest.approx(4.0 * spread[0], rel=1e-6)
-    nominal = motor.NOISE_FREE_SPEED_SHARE * motor.MAX_JOINT_SPEED_RAD_S[HEAD_Z]
-    assert 0.5 * motor.SPEED_NOISE_SHARE < spread[1] / nominal <= 1.1 * motor.SPEED_NOISE_SHARE
+    nominal = motor_model.NOISE_FREE_SPEED_FRACTION * motor_model.MAX_JOINT_SPEED_RAD_S[HEAD_Z]
+    assert (
+        0.5 * motor_model.SPEED_NOISE_FRACTION < spread[1] / nominal <= 1.1 * motor_model.SPEED_NOISE_FRACTION
+    )
     assert np.ptp(turned(usual, [0.0] * 8), axis=0).max() == 0.0
 
 
@@ -126,7 +136,7 @@ def test_hands_of_participants_tremble_like_those_of_healthy_people():
         for substep in range(DEFAULT_SUBSTEPS):
             episodes.step_physics(substep, 1)
             if step >= 10:
-                angles.append(episodes.simulation.person_joint_angles_rad()[:, ELBOW])
+                angles.append(episodes.simulation.get_person_joint_angles_rad()[:, ELBOW])
     measured = np.array(angles) - np.mean(angles, axis=0)
     spectrum = np.abs(np.fft.rfft(measured * np.hanning(len(measured))[:, None], axis=0))
     hertz = np.fft.rfftfreq(len(measured), PHYSICS_STEP_S)
@@ -134,7 +144,7 @@ def test_hands_of_participants_tremble_like_those_of_healthy_people():
     peak_hz = hertz[fast][spectrum[fast].argmax(axis=0)]
     assert ((peak_hz > 7.4) & (peak_hz < 12.6)).all()
     acceleration = np.abs(np.diff(measured, n=2, axis=0)).max(axis=0) / PHYSICS_STEP_S**2
-    gravities = motor.FOREARM_LENGTH_M * acceleration / motor.GRAVITY_M_S2
+    gravities = motor_model.FOREARM_LENGTH_M * acceleration / motor_model.GRAVITY_M_S2
     assert ((gravities > 0.0008) & (gravities < 0.035)).all()
 
 
@@ -148,7 +158,7 @@ def head_jump(people: str) -> float:
         episodes.command_robots(np.zeros((4, episodes.action_size)))
         for substep in range(DEFAULT_SUBSTEPS):
             episodes.step_physics(substep, 1)
-            shown.append(episodes.simulation.servo_commands()[:, columns])
+            shown.append(episodes.simulation.get_servo_commands()[:, columns])
     return float(np.abs(np.diff(np.array(shown), axis=0)).max())
 
 

@@ -25,10 +25,12 @@ def reset_episodes(environment: str, *, moving: bool) -> Episodes:
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 @pytest.mark.fast_cases(4)
 def test_static_and_moving_people_have_head_and_arm_in_the_same_place(environment):
-    static, moving = (reset_episodes(environment, moving=moves).simulation.state() for moves in (False, True))
-    for part in ("head_pos_w", "head_q_w", "mouth_pos_w", "right_arm_pos_w", "right_arm_q_w"):
+    static, moving = (
+        reset_episodes(environment, moving=moves).simulation.get_state() for moves in (False, True)
+    )
+    for part in ("head_pos_w", "head_quat_w", "mouth_pos_w", "right_arm_pos_w", "right_arm_quat_w"):
         assert_allclose(getattr(moving, part), getattr(static, part), atol=1e-6, err_msg=part)
-    assert_allclose(moving.person_segment_w, static.person_segment_w, atol=1e-6)
+    assert_allclose(moving.person_capsule_ends_w, static.person_capsule_ends_w, atol=1e-6)
     assert_allclose(moving.person_radius_m, static.person_radius_m, atol=1e-12)
 
 
@@ -36,14 +38,14 @@ def test_static_and_moving_people_have_head_and_arm_in_the_same_place(environmen
 def test_per_world_fields_equal_the_compiled_person(environment):
     episodes = reset_episodes(environment, moving=True)
     for world in range(WORLDS):
-        person = episodes.person_of_world(world)
+        person = episodes.get_person(world)
         alone = build_scene_spec(episodes.scene, person, moving=True, appearance=False).compile()
         here = episodes.simulation.batch.get_model(world)
-        bodies = [alone.body(human.PREFIX + name).id for name in human.BODIES]
+        bodies = [alone.body(human.PERSON_NAME_PREFIX + name).id for name in human.BODIES]
         for field in (*INERTIAL_FIELDS, "body_pos", "body_quat"):
             expected, found = getattr(alone, field)[bodies], getattr(here, field)[bodies]
             assert_allclose(found, expected, atol=1e-12, err_msg=field)
-        actuators = [alone.actuator(human.PREFIX + name).id for name in JOINTS]
+        actuators = [alone.actuator(human.PERSON_NAME_PREFIX + name).id for name in JOINTS]
         assert_allclose(here.actuator_forcerange[actuators], alone.actuator_forcerange[actuators])
 
 
@@ -57,7 +59,7 @@ def test_static_and_moving_people_weigh_the_same_in_every_part(sex, torso_height
         episodes.reset(np.arange(2), [np.random.default_rng(i) for i in range(2)])
         models.append(episodes.simulation.batch.get_model(1))
     for name in human.BODIES:
-        static, moving = (model.body(human.PREFIX + name) for model in models)
+        static, moving = (model.body(human.PERSON_NAME_PREFIX + name) for model in models)
         assert_allclose(static.mass, moving.mass, rtol=1e-12, err_msg=name)
         assert_allclose(static.subtreemass, moving.subtreemass, rtol=1e-12, err_msg=name)
 
@@ -67,9 +69,9 @@ def test_the_whole_body_weighs_what_the_table_says(moving):
     episodes = reset_episodes("avrgym/FeedingJaco-v1", moving=moving)
     for world in range(WORLDS):
         model = episodes.simulation.batch.get_model(world)
-        mass = sum(float(model.body(human.PREFIX + name).mass[0]) for name in human.BODIES)
-        sex = episodes.person_of_world(world).sex
-        assert mass == pytest.approx(human.PROPORTIONS[sex].mass, rel=1e-9)
+        mass = sum(float(model.body(human.PERSON_NAME_PREFIX + name).mass[0]) for name in human.BODIES)
+        sex = episodes.get_person(world).sex
+        assert mass == pytest.approx(human.BODY_DIMENSIONS[sex].mass_kg, rel=1e-9)
 
 
 def test_robot_and_arm_move_each_other():
@@ -80,17 +82,17 @@ def test_robot_and_arm_move_each_other():
     reach = [human.JOINT_INDEX["right_shoulder_x"], human.JOINT_INDEX["right_elbow_x"]]
     targets[:, reach] = np.radians([-75.0, -10.0])
     simulation.command_person(targets)
-    before, felt, held_off = simulation.state(), np.zeros(WORLDS), np.zeros(WORLDS)
+    before, felt, held_off = simulation.get_state(), np.zeros(WORLDS), np.zeros(WORLDS)
     for step in range(30):
         episodes.step(np.zeros((WORLDS, 7)))
-        felt = np.maximum(felt, simulation.state().robot_force_n)
+        felt = np.maximum(felt, simulation.get_state().robot_force_n)
         if step >= ARRIVED:
-            short_of = np.abs(simulation.person_joint_angles_rad() - targets)[:, reach].max(axis=1)
+            short_of = np.abs(simulation.get_person_joint_angles_rad() - targets)[:, reach].max(axis=1)
             held_off = np.maximum(held_off, short_of)
     pushed = felt > 1.0
     assert pushed.any()
     assert not pushed.all()
-    moved = np.abs(simulation.state().joint_positions - before.joint_positions).max(axis=1)
+    moved = np.abs(simulation.get_state().joint_positions - before.joint_positions).max(axis=1)
     for measured in (moved, held_off):
         assert (measured[pushed] > 0.005).all()
         assert (measured[~pushed] < 0.005).all()

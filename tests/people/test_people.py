@@ -5,15 +5,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.models.human import (
     JOINT_INDEX,
     LOWER_LIMITS_RAD,
-    SEATED,
     SEATED_POSE_RAD,
+    SEATED_POSTURE,
     UPPER_LIMITS_RAD,
     People,
     Person,
-    seated_joint_angles,
+    make_seated_joint_angles,
 )
 from avrgym.people import distributions, shoulder_limits
-from avrgym.people.arm_clearance import clearance, furniture_boxes, person_capsules
+from avrgym.people.arm_clearance import compute_arm_clearance_m, compute_person_capsules, make_furniture_boxes
 from avrgym.robots.jaco.robot import JACO
 from avrgym.tasks.person import TURNED_HEAD_POSE
 from avrgym.tasks.registry import TASKS
@@ -36,9 +36,9 @@ def sampled(name: str, rng: np.random.Generator, count: int = COUNT) -> People:
     return distributions.sample_people(
         distributions.find_distribution(name, TASKS),
         TURNED_HEAD_POSE,
-        SEATED,
+        SEATED_POSTURE,
         None,
-        rng.random((count, distributions.NUM_UNIFORMS)),
+        rng.random((count, distributions.NUM_RANDOM_NUMBERS)),
     )
 
 
@@ -84,30 +84,40 @@ def test_joints_and_torso_height_are_drawn_independently(rng):
 
 
 def test_a_person_does_not_depend_on_other_worlds(rng, name):
-    uniforms = rng.random((50, distributions.NUM_UNIFORMS))
+    uniforms = rng.random((50, distributions.NUM_RANDOM_NUMBERS))
     distribution = distributions.find_distribution(name, TASKS)
-    together = distributions.sample_people(distribution, TURNED_HEAD_POSE, SEATED, None, uniforms)
+    together = distributions.sample_people(distribution, TURNED_HEAD_POSE, SEATED_POSTURE, None, uniforms)
     for i in (0, 17, 49):
-        alone = distributions.sample_people(distribution, TURNED_HEAD_POSE, SEATED, None, uniforms[i : i + 1])
+        alone = distributions.sample_people(
+            distribution, TURNED_HEAD_POSE, SEATED_POSTURE, None, uniforms[i : i + 1]
+        )
         assert_array_equal(alone.is_woman, together.is_woman[[i]])
         assert_array_equal(alone.torso_height_m, together.torso_height_m[[i]])
         assert_array_equal(alone.joint_angles_rad, together.joint_angles_rad[[i]])
 
 
 @pytest.mark.parametrize(
-    "task", [task for task in TASKS.values() if task.pose.has_random_arm_pose], ids=lambda t: t.name
+    "task",
+    [task for task in TASKS.values() if task.pose_distribution.has_random_arm_pose],
+    ids=lambda t: t.name,
 )
 def test_random_arms_have_clearance_and_possible_shoulders(rng, name, task):
-    scene = task.scene(JACO)
-    furniture = furniture_boxes(scene.furniture)
-    uniforms = rng.random((1000, distributions.NUM_UNIFORMS))
+    scene = task.make_scene(JACO)
+    furniture = make_furniture_boxes(scene.furniture)
+    uniforms = rng.random((1000, distributions.NUM_RANDOM_NUMBERS))
     group = distributions.sample_people(
-        distributions.find_distribution(name, TASKS), task.pose, scene.posture, furniture, uniforms
+        distributions.find_distribution(name, TASKS),
+        task.pose_distribution,
+        scene.posture,
+        furniture,
+        uniforms,
     )
-    assert shoulder_limits.shoulders_within_limits(group.joint_angles_rad).all()
-    assert clearance(*person_capsules(group, scene.posture), furniture).min() >= 0.01
-    spread_rad = task.pose.spread_rad[distributions.RIGHT_ARM_JOINT_MASK]
-    offset_rad = np.abs(group.joint_angles_rad - task.pose.rest_rad)[:, distributions.RIGHT_ARM_JOINT_MASK]
+    assert shoulder_limits.are_shoulders_within_limits(group.joint_angles_rad).all()
+    assert compute_arm_clearance_m(*compute_person_capsules(group, scene.posture), furniture).min() >= 0.01
+    spread_rad = task.pose_distribution.max_offset_rad[distributions.RIGHT_ARM_JOINT_MASK]
+    offset_rad = np.abs(group.joint_angles_rad - task.pose_distribution.rest_angles_rad)[
+        :, distributions.RIGHT_ARM_JOINT_MASK
+    ]
     assert (offset_rad <= spread_rad + 1e-9).all()
     assert (offset_rad.max(axis=0) > 0.9 * spread_rad).all()
 
@@ -115,14 +125,20 @@ def test_random_arms_have_clearance_and_possible_shoulders(rng, name, task):
 def test_poses_without_clearance_are_sampled_again(rng):
     """An arm that hangs close to the body, ±10°, often has no room; the few that never find any stay."""
     spread = np.where(distributions.RIGHT_ARM_JOINT_MASK, np.radians(10.0), 0.0)
-    close = distributions.Pose(seated_joint_angles(right_shoulder_y=10.0, right_elbow_x=-20.0), spread)
+    close = distributions.PoseDistribution(
+        make_seated_joint_angles(right_shoulder_y=10.0, right_elbow_x=-20.0), spread
+    )
     distribution = distributions.find_distribution("original", TASKS)
-    uniforms = rng.random((400, distributions.NUM_UNIFORMS))
+    uniforms = rng.random((400, distributions.NUM_RANDOM_NUMBERS))
     once = uniforms.copy()
     once[:, 2:] = np.tile(once[:, 2:22], distributions.MAX_POSE_ATTEMPTS)
     crowded = [
         (
-            clearance(*person_capsules(distributions.sample_people(distribution, close, SEATED, None, drawn)))
+            compute_arm_clearance_m(
+                *compute_person_capsules(
+                    distributions.sample_people(distribution, close, SEATED_POSTURE, None, drawn)
+                )
+            )
             < 0.01
         ).mean()
         for drawn in (once, uniforms)
@@ -134,7 +150,7 @@ def test_poses_without_clearance_are_sampled_again(rng):
 def test_one_of_many_is_a_person(rng):
     group = sampled("revised", rng, 20)
     for i in range(20):
-        person = group.person_at(i)
+        person = group.get_person(i)
         assert person.sex == ("woman" if group.is_woman[i] else "man")
         assert person.torso_height_m == group.torso_height_m[i]
         assert_array_equal(person.joint_angles_rad, group.joint_angles_rad[i])

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym.models.human import JOINT_INDEX, SEATED, People, Person
+from avrgym.models.human import JOINT_INDEX, SEATED_POSTURE, People, Person
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.people import distributions, impairments, motor, shoulder_limits
+from avrgym.people import distributions, impairments, motor_model, shoulder_limits
 from avrgym.people.cooperation import OfferedBodyPart
-from avrgym.people.motor import MotorState
+from avrgym.people.motor_model import MotorState
 from avrgym.people.zoo import partner_behaviour
 from avrgym.people.zoo.partner_behaviour import PartnerState
 from avrgym.people.zoo.partners import (
@@ -43,7 +43,7 @@ def rows(zoo: str, style: str) -> np.ndarray:
 def reset_episodes(partners: np.ndarray, uniforms: float | np.ndarray = 0.3) -> tuple[People, PartnerState]:
     parameters = PARTNER_PARAMETERS.select_partners(partners)
     people = apply_partner_bodies(distributions.repeat_person(Person("man", 0.6), len(partners)), parameters)
-    return people, partner_behaviour.initial_state(
+    return people, partner_behaviour.make_initial_state(
         people, parameters, np.broadcast_to(uniforms, (len(partners), 4))
     )
 
@@ -78,20 +78,24 @@ def stepped(
     steps: int,
     offered: OfferedBodyPart = "mouth",
 ) -> Moved:
-    moved = mind.motor if isinstance(mind, Moved) else partner_behaviour.initial_motor_state(mind, people)
+    moved = (
+        mind.motor if isinstance(mind, Moved) else partner_behaviour.make_initial_motor_state(mind, people)
+    )
     kept, shown = {name: getattr(mind, name) for name in PartnerState.__dataclass_fields__}, np.empty(0)
     for _ in range(steps):
-        now = PartnerState(**{**kept, "joint_targets_rad": moved.angles_rad})
+        now = PartnerState(**{**kept, "joint_targets_rad": moved.second_filter_angles_rad})
         now, goals = partner_behaviour.choose_goal_angles(
-            now, sight(offset, len(now.time_s)), offered, SEATED
+            now, sight(offset, len(now.time_s)), offered, SEATED_POSTURE
         )
-        moved = motor.set_goal_angles(moved, possible_for(people)(goals), partner_behaviour.are_startled(now))
+        moved = motor_model.set_goal_angles(
+            moved, possible_for(people)(goals), partner_behaviour.are_startled(now)
+        )
         for _ in range(9):
-            moved = motor.advance_motor_state(moved)
-        moved, shown = motor.next_joint_targets_rad(moved, 1)
+            moved = motor_model.advance_motor_state(moved)
+        moved, shown = motor_model.advance_joint_targets_rad(moved, 1)
         kept = vars(now)
     return Moved(
-        **{**kept, "joint_targets_rad": moved.angles_rad},
+        **{**kept, "joint_targets_rad": moved.second_filter_angles_rad},
         motor=moved,
         shown_rad=possible_for(people)(shown[0]),
     )
@@ -107,7 +111,7 @@ def sight(offset: tuple[float, ...] | np.ndarray, count: int) -> State:
 
 
 def possible_for(people: People):
-    return lambda angles: shoulder_limits.clip_shoulders(impairments.clip_to_ranges(people, angles))
+    return lambda angles: shoulder_limits.clip_shoulders(impairments.clip_to_joint_ranges(people, angles))
 
 
 # Who there is ------------------------------------------------------------------------------------------------
@@ -166,7 +170,7 @@ def test_style_parameters_stay_within_their_ranges():
 
 
 def test_styles_and_their_partners_are_equally_likely(rng):
-    partners = ZOO_PARTNER_SETS["zoo/unseen"].draw_rows(rng.random((60_000, 2)))
+    partners = ZOO_PARTNER_SETS["zoo/unseen"].sample_partner_rows(rng.random((60_000, 2)))
     styles = [PARTNERS[row].style for row in partners]
     assert {PARTNERS[row].zoo for row in partners} == {"zoo/unseen"}
     for style in STYLES:
@@ -177,9 +181,9 @@ def test_styles_and_their_partners_are_equally_likely(rng):
 @pytest.mark.parametrize("name", [*ZOO_PARTNER_SETS, "zoo/train/startled"])
 def test_zoos_and_single_styles_have_names(name):
     found = distributions.find_distribution(name, TASKS)
-    assert found.moving
+    assert found.is_moving
     assert found.partners is not None
-    (row, *_) = found.partners.draw_rows(np.full((1, 2), 0.5)).tolist()
+    (row, *_) = found.partners.sample_partner_rows(np.full((1, 2), 0.5)).tolist()
     assert name.startswith(PARTNERS[row].zoo)
 
 
@@ -324,7 +328,7 @@ def test_styles_set_bodies_and_impairments_add_to_them(rng):
     body, manner = apply_partner_bodies(people, PARTNER_PARAMETERS), PARTNER_PARAMETERS
     assert_allclose(body.strength_share, manner.strength_share)
     assert_allclose(np.degrees(body.tremor_rad[:, HEAD_X]), manner.tremor_deg)
-    uniforms = rng.random((len(ALL), impairments.NUM_UNIFORMS))
+    uniforms = rng.random((len(ALL), impairments.NUM_RANDOM_NUMBERS))
     weaker = impairments.apply_impairment(body, "weakness", uniforms)
     assert (weaker.strength_share <= body.strength_share).all()
     stiffer = impairments.apply_impairment(body, "limits", uniforms)
@@ -338,12 +342,12 @@ def test_joints_move_smoothly_between_control_steps():
     episodes = Episodes(FEEDING, 6, people="zoo/train/cooperating", num_threads=1)
     episodes.reset(np.arange(6), [np.random.default_rng(i) for i in range(6)])
     simulation = episodes.simulation
-    angles = [simulation.person_joint_angles_rad()]
+    angles = [simulation.get_person_joint_angles_rad()]
     for _ in range(20):
         episodes.command_robots(np.zeros((6, 7)))
         for substep in range(10):
             episodes.step_physics(substep, 1)
-            angles.append(simulation.person_joint_angles_rad())
+            angles.append(simulation.get_person_joint_angles_rad())
     acceleration = np.diff(np.array(angles), n=2, axis=0) / 0.01**2
     assert 1.0 < np.abs(acceleration).max() < 31.0
 

@@ -14,10 +14,10 @@ from avrgym.models.cameras import COMMAND_ENTRY, STATE_ENTRY
 from avrgym.policies import controllers, registry
 from avrgym.policies.onnx import load_onnx_controller
 from avrgym.policies.registry import resolve_policy
-from avrgym.policies.trained import PolicyError
+from avrgym.policies.trained_policies import PolicyError
 from avrgym.safety.pacing import COMMAND_INPUT_ENTRIES, NO_COMMAND_INPUT
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import observation_and_action_size
+from avrgym.tasks.registry import get_observation_and_action_size
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
 
@@ -44,7 +44,7 @@ def episodes(*, pacing: bool) -> Episodes:
 
 def save_network(path: Path, size: int) -> None:
     """Save a network whose first action is the entry ``ready`` of its input ``command``."""
-    observations, actions = observation_and_action_size(ENVIRONMENT)
+    observations, actions = get_observation_and_action_size(ENVIRONMENT)
     weight = np.zeros((size, actions))
     weight[COMMAND_INPUT_ENTRIES.index("ready"), 0] = 1.0
     nodes = [
@@ -75,16 +75,16 @@ def test_controllers_receive_the_latest_command(kind: str, tmp_path: Path) -> No
     assert isinstance(policy, controllers.ExternalController)
     assert policy.takes_commands
     world = episodes(pacing=False)
-    (before,) = registry.controller_observations(policy, world, world.observe())
+    (before,) = registry.make_controller_observations(policy, world, world.observe())
     world.control_loop.apply_command("ready")
-    (after,) = registry.controller_observations(policy, world, world.observe())
+    (after,) = registry.make_controller_observations(policy, world, world.observe())
     assert isinstance(before, dict)
     assert isinstance(after, dict)
     assert_array_equal(before[COMMAND_ENTRY], NO_COMMAND_INPUT)
     assert_array_equal(after[STATE_ENTRY], before[STATE_ENTRY])
-    controller = policy.make()
-    assert controllers.act(controller, before, 7)[0] == 0.0
-    assert controllers.act(controller, after, 7)[0] == 1.0
+    controller = policy.make_controller()
+    assert controllers.compute_controller_action(controller, before, 7)[0] == 0.0
+    assert controllers.compute_controller_action(controller, after, 7)[0] == 1.0
 
 
 def test_without_the_layer_only_stop_changes_actions() -> None:
@@ -102,4 +102,4 @@ def test_an_input_of_another_size_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
         PolicyError, match=rf"allowed for .*: one command .* \({len(COMMAND_INPUT_ENTRIES)},\)"
     ):
-        load_onnx_controller(path, ENVIRONMENT, *observation_and_action_size(ENVIRONMENT))
+        load_onnx_controller(path, ENVIRONMENT, *get_observation_and_action_size(ENVIRONMENT))

@@ -17,12 +17,12 @@ from avrgym.learning.evaluation import evaluate, evaluate_all
 from avrgym.policies import controllers
 from avrgym.policies.controllers import ControllerError, ExternalController
 from avrgym.policies.registry import resolve_policy
-from avrgym.policies.trained import Policy, PolicyError
+from avrgym.policies.trained_policies import Policy, PolicyError
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.recording.schema import Control
-from avrgym.replay.verification import verify
-from avrgym.study.sessions.simulation import simulate_study
-from avrgym.study.storage.store import Store
+from avrgym.replay.verification import verify_recording
+from avrgym.study.sessions.dry_run import simulate_study
+from avrgym.study.storage.store import StudyStore
 from avrgym.system import plugins
 from avrgym.vr.live_world import drivers
 from avrgym.vr.protocol.messages import TICK_S, Problem
@@ -121,7 +121,7 @@ def check_held(recording: Recording, name: str, kind: str) -> None:
     assert drives == ("controller_drives", "")
     assert recording.outcome is not None
     assert recording.outcome.result == "completed"
-    assert verify(recording).identical
+    assert verify_recording(recording).is_identical
 
 
 @pytest.mark.fast_cases(1)
@@ -151,7 +151,7 @@ def test_failures_in_a_live_session_stop_the_robot_too(
     assert kind in {
         detail.partition(":")[0] for event, detail in events_of(recording) if event == "controller_failed"
     }
-    assert verify(recording).identical
+    assert verify_recording(recording).is_identical
 
 
 def test_a_controller_without_answer_is_replaced(tmp_path: Path, workers: ThreadPoolExecutor) -> None:
@@ -163,7 +163,7 @@ def test_a_controller_without_answer_is_replaced(tmp_path: Path, workers: Thread
         assert steps[0].action[0] == 0.5, "a fresh controller drives every trial"
         assert [step.idle for step in steps[2:]] == [True] * (STEPS - 2)
         assert events_of(recording) == [("controller_failed", "late: no answer within 80 ms")]
-        assert verify(recording).identical
+        assert verify_recording(recording).is_identical
 
 
 def test_a_controller_without_answer_does_not_block_simulated_time(
@@ -176,7 +176,7 @@ def test_a_controller_without_answer_does_not_block_simulated_time(
     for recording in recordings:
         assert [step.idle for step in steps_of(recording)] == [False] + [True] * (STEPS - 1)
         assert events_of(recording) == [("controller_failed", "late: no answer within 200 ms")]
-        assert verify(recording).identical
+        assert verify_recording(recording).is_identical
 
 
 def test_a_late_action_is_dropped(tmp_path: Path, workers: ThreadPoolExecutor) -> None:
@@ -185,7 +185,7 @@ def test_a_late_action_is_dropped(tmp_path: Path, workers: ThreadPoolExecutor) -
     actions = {command.action[0] for _, command in recording.messages_by_topic["/commands"]}
     assert actions == {0.5, 0.0}, "what came after a quarter of a second would have been -0.5"
     assert ("controller_failed", "late: no answer within 80 ms") in events_of(recording)
-    assert verify(recording).identical
+    assert verify_recording(recording).is_identical
 
 
 def test_a_controller_that_fails_to_reset_never_drives(tmp_path: Path) -> None:
@@ -270,13 +270,16 @@ def test_a_packaged_policy_as_onnx_acts_the_same(tmp_path: Path, policy: str, ro
     assert isinstance(packaged, Policy)
     rng = np.random.default_rng(0)
     observations = rng.normal(packaged.observation_mean, np.sqrt(packaged.observation_variance), (50, 25))
-    expected = np.clip(packaged.mean_actions(observations), -1, 1)
+    expected = np.clip(packaged.compute_mean_actions(observations), -1, 1)
     for double, tolerance in ((True, 1e-6), (False, 2e-4)):
         path = tmp_path / f"{double}.onnx"
         save_onnx(packaged, path, rows, double=double)
         found = resolve_policy(str(path), ENVIRONMENT)
         assert isinstance(found, ExternalController)
-        actions = [controllers.act(found.make(), observation, 7) for observation in observations]
+        actions = [
+            controllers.compute_controller_action(found.make_controller(), observation, 7)
+            for observation in observations
+        ]
         np.testing.assert_allclose(actions, expected, rtol=0, atol=tolerance)
 
 
@@ -289,7 +292,7 @@ def test_an_onnx_file_drives_a_session_and_an_evaluation(tmp_path: Path, workers
     assert {
         round(abs(value), 3) for step in steps_of(recording) if not step.idle for value in step.action
     } == {0.6}
-    assert verify(recording).identical
+    assert verify_recording(recording).is_identical
     assert evaluate(ENVIRONMENT, str(path), "original", 1, 0).episodes == 1
 
 
@@ -361,9 +364,11 @@ def test_a_class_an_instance_a_factory_and_a_function_drive_alike(
     ):
         found = resolve_policy(f"kinds_of_objects:{attribute}", ENVIRONMENT)
         assert isinstance(found, ExternalController)
-        controller = found.make()
-        controllers.reset(controller, 1, ENVIRONMENT)
-        np.testing.assert_array_equal(controllers.act(controller, observation, 7), expected)
+        controller = found.make_controller()
+        controllers.reset_controller(controller, 1, ENVIRONMENT)
+        np.testing.assert_array_equal(
+            controllers.compute_controller_action(controller, observation, 7), expected
+        )
     with pytest.raises(PolicyError, match=r"kinds_of_objects:two: cannot be created \(TypeError"):
         resolve_policy("kinds_of_objects:two", ENVIRONMENT)
 
@@ -396,13 +401,13 @@ def test_a_study_takes_controllers_of_all_kinds(tmp_path: Path) -> None:
     save_onnx(constant_policy(ENVIRONMENT), folder / "ours" / "FeedingJaco.onnx", 1, double=False)
     assert CliRunner().invoke(app, ["study", "check", str(folder)]).exit_code == 0
     simulate_study(folder, 1, 0, jobs=1)
-    with Store(folder) as store:
-        assert {trial.state for trial in store.trials("sub-001")} == {"completed"}
-        assert [event for event in store.events() if event.name == "controller failed"]
+    with StudyStore(folder) as store:
+        assert {trial.state for trial in store.read_trials("sub-001")} == {"completed"}
+        assert [event for event in store.read_events() if event.name == "controller failed"]
     recordings = [read_recording(path) for path in folder.rglob("*.mcap")]
     drivers = {step.driver for recording in recordings for step in steps_of(recording)}
     assert drivers == {"helpers.learning.failing_controllers:Raises", "zero", "ours"}
-    assert all(verify(recording).identical for recording in recordings)
+    assert all(verify_recording(recording).is_identical for recording in recordings)
 
     with_operator = study("operated", '["operator"]')
     assert CliRunner().invoke(app, ["study", "check", str(with_operator)]).exit_code == 0
@@ -414,12 +419,12 @@ def test_a_study_takes_controllers_of_all_kinds(tmp_path: Path) -> None:
 
 
 def test_a_broken_plugin_does_not_affect_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    group = plugins.CONTROLLER_GROUP
+    group = plugins.CONTROLLER_ENTRY_POINT_GROUP
     found = [
         EntryPoint("calm", "helpers.learning.failing_controllers:Steady", group),
         EntryPoint("broken", "no_such_module:Thing", group),
     ]
-    monkeypatch.setattr(plugins, "entry_points_of", lambda group: found)
+    monkeypatch.setattr(plugins, "list_entry_points", lambda group: found)
     assert resolve_policy("calm", ENVIRONMENT).name == "calm"  # type: ignore[union-attr]
     with pytest.raises(
         PolicyError, match=r"broken = no_such_module:Thing: cannot be imported \(ModuleNotFound"

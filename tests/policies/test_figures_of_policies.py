@@ -5,14 +5,14 @@ import runpy
 import pytest
 
 from avrgym.learning.evaluation import evaluate
-from avrgym.policies.trained import Policy, packaged_policies
+from avrgym.policies.trained_policies import Policy, find_packaged_policies
 from avrgym.tasks.constants import SIMULATION_VERSION
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.system.paths import ROOT
 
 MEASURING = runpy.run_path(str(ROOT / "research" / "measure_policies.py"))
 PACKAGED_FOLDER = [
-    (environment, kind) for environment in ENVIRONMENTS for kind in packaged_policies(environment)
+    (environment, kind) for environment in ENVIRONMENTS for kind in find_packaged_policies(environment)
 ]
 
 
@@ -20,7 +20,7 @@ PACKAGED_FOLDER = [
 @pytest.mark.parametrize(("environment", "kind"), PACKAGED_FOLDER)
 def test_the_first_episodes_return(environment: str, kind: str) -> None:
     """The same bits where the C library rounds as where they were measured, and nearly the same elsewhere."""
-    metadata = Policy.load(packaged_policies(environment)[kind]).metadata
+    metadata = Policy.load(find_packaged_policies(environment)[kind]).metadata
     measured = metadata.measured
     assert measured["world_version"] == SIMULATION_VERSION
     assert "test" in measured.values() or "showing" in measured.values()

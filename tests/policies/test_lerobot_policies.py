@@ -12,11 +12,11 @@ import pytest
 from avrgym.learning.evaluation import evaluate
 from avrgym.models.cameras import CameraSpec
 from avrgym.policies.controllers import ControllerError, ExternalController
-from avrgym.policies.lerobot import LeRobotController, PolicyProcess, state_features
-from avrgym.policies.registry import resolve_policy, used_controller_plugin
-from avrgym.policies.trained import PolicyError
-from avrgym.replay.verification import verify
-from avrgym.tasks.registry import ENVIRONMENTS, task_and_scene
+from avrgym.policies.lerobot import LeRobotController, PolicyProcess, split_state_features
+from avrgym.policies.registry import find_used_controller_plugin, resolve_policy
+from avrgym.policies.trained_policies import PolicyError
+from avrgym.replay.verification import verify_recording
+from avrgym.tasks.registry import ENVIRONMENTS, find_task_and_scene
 from avrgym.vr.session.plan import load_policies
 from helpers.learning.lerobot_policies import STUB, lerobot_python, save_act, save_configuration
 from helpers.vr.visit import ENVIRONMENT, Visit, plan
@@ -27,16 +27,16 @@ ROW = np.arange(25.0)
 
 
 def observation_of(environment: str):
-    task, scene = task_and_scene(environment)
-    return task.observation(scene)
+    task, scene = find_task_and_scene(environment)
+    return task.make_observation_spec(scene)
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_every_value_is_in_one_feature_and_the_robot_measures_no_person(environment: str) -> None:
     observation = observation_of(environment)
-    parts = state_features(observation, np.arange(observation.size))
+    parts = split_state_features(observation, np.arange(observation.size))
     assert sorted(value for part in parts.values() for value in part) == list(range(observation.size))
-    starts = observation.entry_ends - [entry.size for entry in observation.entries]
+    starts = observation.entry_end_indices - [entry.size for entry in observation.entries]
     measured = {
         entry.name
         for entry, start in zip(observation.entries, starts, strict=True)
@@ -75,7 +75,8 @@ def test_controllers_share_a_process_and_have_their_own_episodes(process: Policy
     second.reset(20, ENVIRONMENT)
     assert [act(first, ROW)[0], act(first, ROW)[0], act(second, ROW)[0]] == [11, 12, 21]
     assert (
-        act(first, ROW)[1:] == state_features(observation_of(ENVIRONMENT), ROW)["observation.state"].tolist()
+        act(first, ROW)[1:]
+        == split_state_features(observation_of(ENVIRONMENT), ROW)["observation.state"].tolist()
     )
     first.close()
     with pytest.raises(ControllerError, match="exception: KeyError: no such session"):
@@ -136,9 +137,9 @@ def test_a_policy_names_its_cameras_and_the_hash_of_its_files(tmp_path: Path) ->
     )
     policy = found(name)
     assert policy.cameras == (CameraSpec("wrist", 80, 64),)
-    assert policy.plugin == used_controller_plugin(name)
+    assert policy.plugin == find_used_controller_plugin(name)
     (tmp_path / "model.safetensors").write_bytes(b"others")
-    assert policy.plugin != used_controller_plugin(name)
+    assert policy.plugin != find_used_controller_plugin(name)
 
 
 # With LeRobot
@@ -168,8 +169,8 @@ def test_an_act_policy_drives_a_session_that_replays_bit_by_bit(tmp_path: Path, 
     steps = [step for _, step in recording.messages_by_topic["/control"]]
     assert not any(step.idle for step in steps)
     assert {step.driver for step in steps} == {name}
-    assert verify(recording).identical
-    policy: Any = found(name).make()
+    assert verify_recording(recording).is_identical
+    policy: Any = found(name).make_controller()
     policy.reset(0, ENVIRONMENT)
     expected = [act(policy, np.array(step.observation)) for step in steps]
     policy.close()
@@ -185,7 +186,7 @@ def test_images_temporal_ensembles_and_seeds(tmp_path: Path, python: str) -> Non
     name = f"lerobot:{save_act(python, tmp_path / 'act', features, **ensemble)}"
     one, same = (evaluate(ENVIRONMENT, name, "original", 2, 0, steps=3) for _ in range(2))
     assert one == same
-    makers: list[Any] = [found(name).make() for _ in range(2)]
+    makers: list[Any] = [found(name).make_controller() for _ in range(2)]
     first, second = makers
     pictures = [
         {"state": ROW, "wrist_rgb": np.full((64, 64, 3), colour, np.uint8)} for colour in (0, 255, 255)

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from avrgym.cli import app
 from avrgym.policies.onnx import make_onnx_model
 from avrgym.policies.registry import resolve_policy
-from avrgym.policies.trained import Policy, packaged_policies
+from avrgym.policies.trained_policies import Policy, find_packaged_policies
 from avrgym.tasks.constants import PAPER_ENVIRONMENTS
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
@@ -19,7 +19,7 @@ ENVIRONMENT = "avrgym/FeedingJaco-v1"
 
 @pytest.mark.parametrize("environment", PAPER_ENVIRONMENTS)
 def test_onnx_export_of_every_policy_without_memory_acts_equally(environment: str) -> None:
-    found = [resolve_policy(name, environment) for name in packaged_policies(environment)]
+    found = [resolve_policy(name, environment) for name in find_packaged_policies(environment)]
     without = [policy for policy in found if isinstance(policy, Policy) and policy.memory is None]
     assert len(without) == 2
     for policy in without:
@@ -31,7 +31,9 @@ def test_onnx_export_of_every_policy_without_memory_acts_equally(environment: st
             policy.observation_mean, 3.0 * spread, (200, policy.observation_size)
         )
         (actions,) = session.run(None, {"observation": seen})
-        np.testing.assert_allclose(actions, np.clip(policy.mean_actions(seen), -1, 1), rtol=0, atol=1e-6)
+        np.testing.assert_allclose(
+            actions, np.clip(policy.compute_mean_actions(seen), -1, 1), rtol=0, atol=1e-6
+        )
 
 
 def test_the_command_writes_metadata_and_never_overwrites(tmp_path: Path) -> None:

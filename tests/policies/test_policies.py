@@ -8,15 +8,15 @@ import pytest
 import safetensors.numpy
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym.policies import trained
-from avrgym.policies.registry import default_policy
-from avrgym.policies.trained import (
+from avrgym.policies import trained_policies
+from avrgym.policies.registry import find_default_policy_name
+from avrgym.policies.trained_policies import (
     Policy,
     PolicyError,
     PolicyMetadata,
+    find_packaged_policies,
+    find_policy_file,
     load_policy,
-    packaged_policies,
-    policy_path,
 )
 from avrgym.tasks.registry import ENVIRONMENTS
 
@@ -82,9 +82,11 @@ def test_a_policy_by_hand():
     )
     hidden = np.tanh(0.5 * 1 - 5.0 * 2 + 9.7)
     assert_allclose(
-        policy.mean_actions(np.array([[2.0, -80.0]])), [[4 * hidden + 0.1, -9 * hidden]], rtol=1e-12
+        policy.compute_mean_actions(np.array([[2.0, -80.0]])), [[4 * hidden + 0.1, -9 * hidden]], rtol=1e-12
     )
-    drawn = policy.mean_actions(np.array([[2.0, -80.0]])) + 0.25 * np.random.default_rng(0).standard_normal(2)
+    drawn = policy.compute_mean_actions(np.array([[2.0, -80.0]])) + 0.25 * np.random.default_rng(
+        0
+    ).standard_normal(2)
     acted = policy.act(np.array([[2.0, -80.0]]), generators(1))
     assert_allclose(acted, np.clip(drawn, -1.0, 1.0), rtol=1e-6)
 
@@ -108,7 +110,7 @@ def test_the_batch_size_does_not_change_the_bits_of_a_row(sizes, dtype):
 def test_actions_have_the_stated_standard_deviation():
     policy = make_policy((25, 8, 7), deviation=0.02)
     observation = 0.01 * observations(1)
-    mean = policy.mean_actions(observation)[0]
+    mean = policy.compute_mean_actions(observation)[0]
     random = generators(1)
     drawn = np.array([policy.act(observation, random)[0] for _ in range(2000)])
     inside = np.abs(mean) < 0.9
@@ -120,7 +122,9 @@ def test_actions_have_the_stated_standard_deviation():
 def test_a_policy_without_noise_draws_nothing():
     policy, random = make_policy(deviation=0.0), generators(4)
     actions = policy.act(observations(4), random)
-    assert_array_equal(actions, np.clip(policy.mean_actions(observations(4)), -1, 1).astype(np.float32))
+    assert_array_equal(
+        actions, np.clip(policy.compute_mean_actions(observations(4)), -1, 1).astype(np.float32)
+    )
     assert [each.random() for each in random] == [each.random() for each in generators(4)]
 
 
@@ -286,31 +290,31 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path):
 
 @pytest.fixture
 def packaged(tmp_path, monkeypatch):
-    monkeypatch.setattr(trained, "PACKAGED_POLICY_FOLDER", tmp_path)
+    monkeypatch.setattr(trained_policies, "PACKAGED_POLICY_FOLDER", tmp_path)
     for name in ("FeedingJaco-original", "FeedingJaco-revised", "FeedingPR2-original"):
         make_policy().save(tmp_path / f"{name}.safetensors")
     return tmp_path
 
 
 def test_names_resolve_to_the_packaged_files(packaged):
-    assert list(packaged_policies(ENVIRONMENT)) == ["original", "revised"]
-    assert policy_path("revised", ENVIRONMENT) == packaged / "FeedingJaco-revised.safetensors"
-    assert policy_path("original", "FeedingPR2-v1") == packaged / "FeedingPR2-original.safetensors"
+    assert list(find_packaged_policies(ENVIRONMENT)) == ["original", "revised"]
+    assert find_policy_file("revised", ENVIRONMENT) == packaged / "FeedingJaco-revised.safetensors"
+    assert find_policy_file("original", "FeedingPR2-v1") == packaged / "FeedingPR2-original.safetensors"
 
 
 def test_other_names_are_paths(packaged):
     path = packaged / "FeedingPR2-original.safetensors"
-    assert policy_path(path, ENVIRONMENT) == path
-    assert policy_path(str(path), ENVIRONMENT) == path
+    assert find_policy_file(path, ENVIRONMENT) == path
+    assert find_policy_file(str(path), ENVIRONMENT) == path
 
 
 def test_unknown_names_list_what_is_allowed(packaged):
     with pytest.raises(
         PolicyError, match="'best' for avrgym/FeedingJaco-v1; allowed: original, revised, or the path"
     ):
-        policy_path("best", ENVIRONMENT)
+        find_policy_file("best", ENVIRONMENT)
     with pytest.raises(PolicyError, match="no packaged policy"):
-        policy_path("original", "avrgym/BedBathingJaco-v1")
+        find_policy_file("original", "avrgym/BedBathingJaco-v1")
 
 
 def test_a_policy_for_other_sizes_is_refused(packaged):
@@ -348,11 +352,11 @@ def test_numbers_whose_sums_overflow_are_refused():
 
 
 @pytest.mark.parametrize(
-    "path", sorted(trained.PACKAGED_POLICY_FOLDER.glob("*.safetensors")), ids=lambda path: path.stem
+    "path", sorted(trained_policies.PACKAGED_POLICY_FOLDER.glob("*.safetensors")), ids=lambda path: path.stem
 )
 def test_packaged_policies_name_environment_and_people(path):
     scene, kind = path.stem.split("-")
-    assert policy_path(kind, f"avrgym/{scene}-v1") == path
+    assert find_policy_file(kind, f"avrgym/{scene}-v1") == path
     assert path.stat().st_size < 500_000
     metadata = Policy.load(path).metadata
     people = "zoo/train" if kind == "adaptive" else kind
@@ -363,9 +367,9 @@ def test_packaged_policies_name_environment_and_people(path):
 
 def test_the_preferred_policy_is_adaptive_then_revised_then_oracle():
     for environment in ENVIRONMENTS:
-        packaged = packaged_policies(environment)
+        packaged = find_packaged_policies(environment)
         expected = [name for name in ("adaptive", "revised") if name in packaged]
-        assert default_policy(environment) == [*expected, "oracle"][0]
+        assert find_default_policy_name(environment) == [*expected, "oracle"][0]
 
 
 def test_arrays_of_wrong_shapes_are_refused():

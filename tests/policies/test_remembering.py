@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.networks.layers import GatedRecurrentUnit
 from avrgym.policies import registry
 from avrgym.policies.actors import Actor
-from avrgym.policies.trained import Policy, PolicyError, PolicyMetadata, load_policy
+from avrgym.policies.trained_policies import Policy, PolicyError, PolicyMetadata, load_policy
 from avrgym.tasks.episodes import Episodes
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
@@ -49,10 +49,11 @@ def acted(actor: Actor, observations: np.ndarray) -> np.ndarray:
 def test_earlier_observations_change_the_actions():
     observations = seen(2, 1)
     later = Actor(make_policy(0.0), 1)
-    later.mean_actions(observations[0])
+    later.compute_mean_actions(observations[0])
     assert (
         np.abs(
-            later.mean_actions(observations[1]) - Actor(make_policy(), 1).mean_actions(observations[1])
+            later.compute_mean_actions(observations[1])
+            - Actor(make_policy(), 1).compute_mean_actions(observations[1])
         ).max()
         > 1e-3
     )
@@ -82,8 +83,10 @@ def test_a_refused_observation_does_not_change_the_memory():
     actor = Actor(make_policy(), 1)
     for wrong in (np.zeros((2, SEEN)), np.zeros((1, SEEN + 1))):
         with pytest.raises(PolicyError, match="observations"):
-            actor.mean_actions(wrong)
-    assert_array_equal(actor.mean_actions(seen(1, 1)[0]), Actor(make_policy(), 1).mean_actions(seen(1, 1)[0]))
+            actor.compute_mean_actions(wrong)
+    assert_array_equal(
+        actor.compute_mean_actions(seen(1, 1)[0]), Actor(make_policy(), 1).compute_mean_actions(seen(1, 1)[0])
+    )
 
 
 def test_each_episode_starts_without_memory():
@@ -124,7 +127,7 @@ def test_a_memory_of_another_size_is_refused(tmp_path, part):
 
 def test_mean_refuses_a_recurrent_policy():
     with pytest.raises(PolicyError, match="recurrent"):
-        make_policy().mean_actions(np.zeros((1, SEEN)))
+        make_policy().compute_mean_actions(np.zeros((1, SEEN)))
     onnx_export = pytest.importorskip("avrgym.policies.onnx", reason="ONNX is an extra")
     with pytest.raises(PolicyError, match="ONNX"):
         onnx_export.make_onnx_model(make_policy())
@@ -140,5 +143,8 @@ def test_numbers_too_large_are_refused():
 def test_without_memory_the_actor_equals_the_policy():
     policy = replace(make_policy(), memory=None, weights=(np.ones((SEEN, 8)), np.ones((8, ACTION))))
     assert_allclose(
-        Actor(policy, 3).mean_actions(seen(1, 3)[0]), policy.mean_actions(seen(1, 3)[0]), rtol=0, atol=0
+        Actor(policy, 3).compute_mean_actions(seen(1, 3)[0]),
+        policy.compute_mean_actions(seen(1, 3)[0]),
+        rtol=0,
+        atol=0,
     )

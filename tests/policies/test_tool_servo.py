@@ -11,7 +11,7 @@ from avrgym.policies.cartesian_control import (
     HAND_SPEED_LIMIT_M_S,
     CartesianController,
 )
-from avrgym.policies.tool_servo import MAX_TOOL_LEAD_M, ToolServo
+from avrgym.policies.tool_servo import MAX_TARGET_POSITION_ERROR_M, ToolServo
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.episodes import Episodes
 
@@ -26,7 +26,7 @@ class Teleoperation:
         self.episodes = Episodes(environment, 1, num_threads=1)
         self.episodes.reset(np.array([0]), [np.random.default_rng(seed)])
         self.hand = CartesianController(self.simulation)
-        self.servo = ToolServo(self.simulation, self.hand.chain)
+        self.servo = ToolServo(self.simulation, self.hand.arm_chain)
         self.pos_w, self.q_w = np.zeros(3), IDENTITY
 
     @property
@@ -35,13 +35,13 @@ class Teleoperation:
 
     @property
     def tool(self) -> FloatArray:
-        return self.simulation.body_poses(0)[self.simulation.bodies.index(SCENE_TOOL_BODY)].copy()
+        return self.simulation.get_body_poses(0)[self.simulation.bodies.index(SCENE_TOOL_BODY)].copy()
 
     def engage(self, scale: float = 1.0) -> None:
-        self.servo.engage(self.pos_w, self.q_w, scale)
+        self.servo.store_reference_poses(self.pos_w, self.q_w, scale)
 
     def act(self, observation: FloatArray) -> FloatArray:
-        return self.hand.action(*self.servo.velocity(self.pos_w, self.q_w))[None]
+        return self.hand.compute_action(*self.servo.compute_hand_velocity(self.pos_w, self.q_w))[None]
 
     def update_action(self) -> FloatArray:
         return self.act(np.zeros(0))
@@ -77,7 +77,7 @@ def test_the_clutch_never_moves_the_tool(environment: str) -> None:
         arm.pos_w = rng.uniform(-3.0, 3.0, 3)
         arm.q_w = transforms.normalize(rng.standard_normal(4))
         arm.engage(scale)
-        np.testing.assert_allclose(arm.servo.velocity(arm.pos_w, arm.q_w), 0.0, atol=1e-9)
+        np.testing.assert_allclose(arm.servo.compute_hand_velocity(arm.pos_w, arm.q_w), 0.0, atol=1e-9)
         arm.follow(15, rng.uniform(-0.01, 0.01, 3), rng.uniform(-0.02, 0.02, 3))
 
 
@@ -89,10 +89,10 @@ def test_a_fast_controller_meets_the_speed_limits_and_its_excess_is_lost(environ
     arm.engage()
     arm.pos_w = np.array([0.0, -1.0, 0.3])
     arm.q_w = transforms.from_rotation_vector(np.array([0.0, 0.0, 2.0]))
-    linear, angular = arm.servo.velocity(arm.pos_w, arm.q_w)
-    action = arm.hand.action(linear, angular)
-    reached = arm.hand.velocity(action)
+    linear, angular = arm.servo.compute_hand_velocity(arm.pos_w, arm.q_w)
+    action = arm.hand.compute_action(linear, angular)
+    reached = arm.hand.compute_hand_velocity(action)
     assert np.linalg.norm(reached[0]) <= HAND_SPEED_LIMIT_M_S + 1e-9
     assert np.linalg.norm(reached[1]) <= HAND_ANGULAR_SPEED_LIMIT_RAD_S + 1e-9
     arm.follow(100)
-    assert np.linalg.norm(arm.tool[:3] - before[:3]) < MAX_TOOL_LEAD_M + 0.01
+    assert np.linalg.norm(arm.tool[:3] - before[:3]) < MAX_TARGET_POSITION_ERROR_M + 0.01

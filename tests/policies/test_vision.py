@@ -11,17 +11,19 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.array_types import FloatArray
 from avrgym.learning.visual_network import TrainableVisionNetwork
-from avrgym.networks.vision import vision_input
+from avrgym.networks.vision import make_vision_input
 from avrgym.policies import registry
 from avrgym.policies.controllers import ExternalController
-from avrgym.policies.trained import Policy, PolicyError, load_policy
-from avrgym.tasks.camera_images import graphics_error
+from avrgym.policies.trained_policies import Policy, PolicyError, load_policy
+from avrgym.tasks.camera_images import find_rendering_error
 from avrgym.tasks.episodes import Episodes
 from avrgym.vr.live_world.drivers import ThreadedDriver
 
 FEEDING, SIZES = "avrgym/FeedingJaco-v1", (25, 7)
 CAMERA = "wrist:64x64:depth"
-needs_graphics = pytest.mark.skipif(graphics_error() is not None, reason="no graphics library renders here")
+needs_graphics = pytest.mark.skipif(
+    find_rendering_error() is not None, reason="no graphics library renders here"
+)
 ESTIMATED = [7, 8, 9, *range(17, 25)]
 
 
@@ -38,14 +40,14 @@ def policy(network: TrainableVisionNetwork) -> Policy:
     metadata: Any = type(teacher.metadata)(
         environment=FEEDING, people="revised", steps=1, seed=0, camera=CAMERA
     )
-    return replace(teacher, metadata=metadata, vision=network.numpy_network())
+    return replace(teacher, metadata=metadata, vision=network.to_numpy_network())
 
 
 @pytest.fixture
 def observed(rng: np.random.Generator, policy: Policy) -> tuple[FloatArray, FloatArray]:
     """Observations (4, O) and images (4, 64, 64, 1)."""
     rows = policy.observation_mean + rng.normal(size=(4, 25)) * np.sqrt(policy.observation_variance)
-    return rows, vision_input({"depth": rng.uniform(0.1, 2.0, (4, 64, 64)).astype(np.float32)})
+    return rows, make_vision_input({"depth": rng.uniform(0.1, 2.0, (4, 64, 64)).astype(np.float32)})
 
 
 def test_the_network_in_numpy_computes_that_in_pytorch(
@@ -56,7 +58,7 @@ def test_the_network_in_numpy_computes_that_in_pytorch(
     normalised = torch.as_tensor(policy.normalise_observations(rows), dtype=torch.float32)
     with torch.no_grad():
         estimates = network(torch.as_tensor(image, dtype=torch.float32).permute(0, 3, 1, 2), normalised)
-        assert_allclose(actions, network.teacher_actions(normalised, estimates), atol=1e-4)
+        assert_allclose(actions, network.compute_teacher_actions(normalised, estimates), atol=1e-4)
 
 
 def test_actions_depend_on_the_image_and_not_on_what_is_estimated(policy: Policy, observed: Any):
@@ -73,7 +75,7 @@ def test_a_file_of_a_policy_with_vision_reads_back(tmp_path: Path, policy: Polic
     policy.save(tmp_path / "visual.safetensors")
     read = load_policy(tmp_path / "visual.safetensors", FEEDING, *SIZES)
     assert read.metadata == policy.metadata
-    assert read.digest == policy.digest
+    assert read.parameters_sha256 == policy.parameters_sha256
     rows, image = observed
     again, expected = (each.forward(rows, np.zeros((4, 0)), image)[0] for each in (read, policy))
     assert_array_equal(again, expected)
@@ -132,8 +134,8 @@ def test_a_controller_receives_the_images_of_its_own_world():
         ExternalController("looking", make, cameras=Looking.cameras), worlds, generators
     ) as act:
         act(observations)
-    images = worlds.images(
-        registry.cameras_of(ExternalController("", make, cameras=Looking.cameras), FEEDING)
+    images = worlds.render_images(
+        registry.find_policy_cameras(ExternalController("", make, cameras=Looking.cameras), FEEDING)
     )
     for world, controller in enumerate(controllers):
         (seen,) = controller.seen
@@ -168,6 +170,8 @@ def test_a_driver_of_a_live_world_shows_its_controller_the_images():
     (seen,) = looking.seen
     assert_array_equal(
         seen["scene_rgb"],
-        world.images(registry.cameras_of(driver._controller_factory, FEEDING))["scene_rgb"][0],
+        world.render_images(registry.find_policy_cameras(driver._controller_factory, FEEDING))["scene_rgb"][
+            0
+        ],
     )
     driver.close()

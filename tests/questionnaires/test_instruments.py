@@ -4,7 +4,7 @@ from itertools import combinations
 
 import pytest
 
-from avrgym.questionnaires.instrument import Instrument, Scale, check_weights
+from avrgym.questionnaires.instrument import Instrument, ScoreScale, check_weights
 from avrgym.questionnaires.nasa_tlx import WORKLOAD_FACTORS
 from avrgym.questionnaires.registry import INSTRUMENTS
 
@@ -27,20 +27,20 @@ def answers(instrument: Instrument, value: int, **others: int) -> dict[str, int]
 
 
 @every_scale
-def test_a_score_lies_between_ends_that_answers_reach(instrument: Instrument, scale: Scale) -> None:
-    name, backwards = scale.name, scale.reversed_items
-    most = instrument.response_scale.points
+def test_a_score_lies_between_ends_that_answers_reach(instrument: Instrument, scale: ScoreScale) -> None:
+    name, backwards = scale.name, scale.reversed_item_ids
+    most = instrument.response_scale.option_count
     lowest = answers(instrument, 1) | dict.fromkeys(backwards, most)
     highest = answers(instrument, most) | dict.fromkeys(backwards, 1)
     found = [instrument.compute_scores(given)[name] for given in (lowest, highest)]
-    assert found == list(instrument.score_range(name))
+    assert found == list(instrument.compute_score_range(name))
 
 
 @every_scale
 def test_each_item_moves_its_scale_and_a_reversed_one_the_other_way(
-    instrument: Instrument, scale: Scale
+    instrument: Instrument, scale: ScoreScale
 ) -> None:
-    name, own, backwards = scale.name, scale.items, scale.reversed_items
+    name, own, backwards = scale.name, scale.item_ids, scale.reversed_item_ids
     lower = instrument.compute_scores(answers(instrument, 1))[name]
     assert lower is not None
     for item in instrument.items:
@@ -55,7 +55,7 @@ def test_a_missing_answer_leaves_no_score_or_counts_as_the_centre(instrument: In
     for item in instrument.items:
         rest = {key: value for key, value in answers(instrument, 1).items() if key != item.id}
         for scale, score in instrument.compute_scores(rest).items():
-            if item.id in instrument.items_of(scale) and instrument.missing_answer_rule == "no score":
+            if item.id in instrument.list_item_ids(scale) and instrument.missing_answer_rule == "no score":
                 assert score is None
             elif instrument.weighting is None or scale != instrument.weighting.scale_name:
                 assert score is not None
@@ -64,7 +64,7 @@ def test_a_missing_answer_leaves_no_score_or_counts_as_the_centre(instrument: In
 
 @every_instrument
 def test_what_no_item_allows_is_refused(instrument: Instrument) -> None:
-    first, points = instrument.items[0].id, instrument.response_scale.points
+    first, points = instrument.items[0].id, instrument.response_scale.option_count
     with pytest.raises(ValueError, match=f"has no item 'other'; allowed: {first}"):
         instrument.compute_scores({"other": 1})
     for value in (0, points + 1):
@@ -74,14 +74,14 @@ def test_what_no_item_allows_is_refused(instrument: Instrument) -> None:
 
 @every_instrument
 def test_a_record_says_where_it_comes_from_and_every_item_is_scored(instrument: Instrument) -> None:
-    assert "(" in instrument.source
+    assert "(" in instrument.citation
     assert instrument.licence
     items = [item.id for item in instrument.items]
     assert len(set(items)) == len(items)
-    assert {item for scale in instrument.scales for item in scale.items} == set(items)
+    assert {item for scale in instrument.scales for item in scale.item_ids} == set(items)
     assert all(bool(item.text) != bool(instrument.texts_source) for item in instrument.items)
     for item in instrument.items:
-        assert len(item.labels) in (0, instrument.response_scale.points)
+        assert len(item.option_labels) in (0, instrument.response_scale.option_count)
         if item.text:
             assert item.low_label
             assert item.high_label
@@ -119,8 +119,10 @@ def test_ssq_weighs_symptoms_as_kennedy_and_others_do() -> None:
 
 def test_csq_vr_goes_from_6_to_42() -> None:
     """Kourtesis et al. (2023): pairs of items from 2 to 14, all six from 6 to 42."""
-    assert CSQ_VR.score_range("total") == (6, 42)
-    assert {CSQ_VR.score_range(scale) for scale in ("nausea", "vestibular", "oculomotor")} == {(2, 14)}
+    assert CSQ_VR.compute_score_range("total") == (6, 42)
+    assert {CSQ_VR.compute_score_range(scale) for scale in ("nausea", "vestibular", "oculomotor")} == {
+        (2, 14)
+    }
 
 
 def test_ipq_and_trust_turn_the_items_that_their_authors_turn() -> None:

@@ -1,7 +1,7 @@
 import pytest
 
-from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, MAX_SCALE_POINTS, validate_answer
-from avrgym.vr.protocol.messages import Answer, decode_client, encode
+from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, MAX_OPTION_COUNT, validate_answer
+from avrgym.vr.protocol.messages import Answer, decode_participant_message, encode_message
 
 
 def test_the_ids_are_unique_and_the_anchors_are_named():
@@ -29,5 +29,5 @@ def test_an_unknown_item_is_refused():
 
 
 def test_every_answer_that_a_scale_allows_can_be_sent():
-    answer = Answer(item="vas", value=MAX_SCALE_POINTS, response_time_s=1.0)
-    assert decode_client(encode(answer)) == answer
+    answer = Answer(item="vas", value=MAX_OPTION_COUNT, response_time_s=1.0)
+    assert decode_participant_message(encode_message(answer)) == answer

@@ -27,7 +27,7 @@ def test_a_recording_stores_every_field(tmp_path: Path) -> None:
 def test_a_recording_of_0_2_opens_without_the_later_fields() -> None:
     recording = read_recording(OLD_RECORDING)
     read = recording.configuration
-    assert recording.complete
+    assert recording.is_complete
     assert (read.format_version, read.free_movement_s, read.stop_rules) == (1, None, None)
     assert (read.person.sex, read.versions.mujoco) == ("man", "4.0.0")
 

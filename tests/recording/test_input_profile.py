@@ -6,15 +6,15 @@ from typing import Any, cast
 import msgspec
 import pytest
 
-from avrgym.commands.input_names import INPUT_METHODS, STOP_INPUTS
-from avrgym.models.body_names import ARMS
+from avrgym.commands.input_methods import INPUT_METHODS, STOP_INPUTS
+from avrgym.models.body_names import PERSON_ARM_SIDES
 from avrgym.recording.input_profile import (
     ALLOWED_STOP_INPUTS,
     POINTING_ARMS,
     SELECTION_TIME_RANGES_S,
     InputProfile,
     InputProfileError,
-    profile_from_table,
+    parse_input_profile,
 )
 
 
@@ -26,7 +26,7 @@ def test_each_method_has_a_stop_without_hands_where_it_needs_none(method: Any) -
     assert msgspec.convert(msgspec.to_builtins(profile), InputProfile) == profile
     assert profile.needs_tracking("head")
     if method not in POINTING_ARMS:
-        nobody = InputProfile(method, resting_arms=ARMS)
+        nobody = InputProfile(method, resting_arms=PERSON_ARM_SIDES)
         assert nobody.tracked_arms == ()
         assert not {"buttons", "palm"} & set(ALLOWED_STOP_INPUTS[method])
 
@@ -53,10 +53,10 @@ def test_a_method_needs_one_of_its_arms() -> None:
 def test_durations_are_within_their_ranges(name: str) -> None:
     low, high = SELECTION_TIME_RANGES_S[name]
     for value in (low, high):
-        assert getattr(profile_from_table({name: value}), name) == value
+        assert getattr(parse_input_profile({name: value}), name) == value
     for value in (0.99 * low, 1.01 * high, float("nan")):
         with pytest.raises(InputProfileError, match=f"{name} is .*; allowed: "):
-            profile_from_table({name: value})
+            parse_input_profile({name: value})
 
 
 @pytest.mark.parametrize(
@@ -65,4 +65,4 @@ def test_durations_are_within_their_ranges(name: str) -> None:
 )
 def test_tables_that_are_no_profiles_are_refused(values: Any) -> None:
     with pytest.raises(InputProfileError):
-        profile_from_table(values)
+        parse_input_profile(values)

@@ -37,7 +37,7 @@ from avrgym.recording.schema import (
     TrackingFrame,
     decode,
     encode,
-    json_schema,
+    make_json_schema,
 )
 from avrgym.recording.writer import RecordingWriter
 from helpers.studies.configurations import configuration
@@ -114,10 +114,10 @@ def test_numbers_that_are_not_finite_survive():
 
 @pytest.mark.parametrize("topic", TOPICS)
 def test_schemas_describe_every_field_without_references(topic):
-    schema = json.loads(json_schema(topic))
+    schema = json.loads(make_json_schema(topic))
     assert schema["type"] == "object"
     assert set(schema["properties"]) == set(TOPICS[topic].__struct_encode_fields__)
-    assert not re.search(r"\$ref|anyOf|prefixItems|null", json_schema(topic).decode())
+    assert not re.search(r"\$ref|anyOf|prefixItems|null", make_json_schema(topic).decode())
 
 
 # Files
@@ -127,7 +127,7 @@ def test_a_closed_recording_reads_back_whole(tmp_path):
     path = tmp_path / "trial.mcap"
     written = write_trial(path)
     read = read_recording(path)
-    assert (read.configuration, read.outcome, read.complete) == (CONFIGURATION, OUTCOME, True)
+    assert (read.configuration, read.outcome, read.is_complete) == (CONFIGURATION, OUTCOME, True)
     assert read.messages_by_topic == written
 
 
@@ -160,7 +160,7 @@ def test_without_an_outcome_the_trial_is_incomplete(tmp_path):
     path = tmp_path / "trial.mcap"
     written = write_trial(path, outcome=None)
     read = read_recording(path)
-    assert (read.complete, read.outcome) == (False, None)
+    assert (read.is_complete, read.outcome) == (False, None)
     assert read.messages_by_topic == written
 
 
@@ -192,7 +192,7 @@ def test_a_recording_whose_messages_are_not_numbered_reads_whole(tmp_path, monke
     path = tmp_path / "trial.mcap"
     written = write_trial(path)
     read = read_recording(path)
-    assert read.complete
+    assert read.is_complete
     assert read.messages_by_topic == written
 
 
@@ -211,7 +211,7 @@ def test_a_file_cut_anywhere_gives_a_prefix(tmp_path, small_chunks):
         except RecordingError:
             assert end < header
             continue
-        assert not read.complete
+        assert not read.is_complete
         assert read.configuration == CONFIGURATION
         assert_begins(read, written)
         lengths.add(len(read.messages_by_topic["/physics"]))
@@ -254,7 +254,7 @@ def test_damage_to_any_byte_ends_the_reading(tmp_path, small_chunks):
         except RecordingError:
             assert position < chunks[0]
             continue
-        assert not read.complete
+        assert not read.is_complete
         assert_begins(read, written)
 
 
@@ -268,7 +268,7 @@ def test_a_message_outside_of_a_chunk_ends_the_reading(tmp_path, small_chunks):
     content[index + 11 : index + 15] = bytes(4)  # of a message: its number, and 0 is none
     path.write_bytes(content)
     read = read_recording(path)
-    assert not read.complete
+    assert not read.is_complete
     assert 0 < sum(map(len, read.messages_by_topic.values())) < sum(map(len, written.values()))
     assert_begins(read, written)
 
@@ -338,7 +338,7 @@ def test_a_killed_process_loses_at_most_the_last_second(tmp_path):
         child.kill()
     read = read_recording(tmp_path / "trial.mcap")
     physics = read.messages_by_topic["/physics"]
-    assert not read.complete
+    assert not read.is_complete
     assert_steps_are_whole(physics)
     assert killed_at_ns - physics[-1][0] < 1_000_000_000
     assert physics[-1][0] - physics[0][0] > 500_000_000
@@ -351,7 +351,7 @@ def test_a_full_disk_raises_an_alarm_within_a_second_and_never_completes(tmp_pat
     assert float(alarm_s) < 1
     assert "is incomplete" in message
     read = read_recording(tmp_path / "trial.mcap")
-    assert not read.complete
+    assert not read.is_complete
     assert_steps_are_whole(read.messages_by_topic["/physics"])
     assert len(read.messages_by_topic["/physics"]) > 5
 
@@ -383,7 +383,7 @@ def test_a_stall_raises_an_alarm_within_a_second_and_may_pass(tmp_path, stalled_
     stalled_disk.set()
     writer.close(OUTCOME)
     assert writer.disk_error is None
-    assert read_recording(tmp_path / "trial.mcap").complete
+    assert read_recording(tmp_path / "trial.mcap").is_complete
 
 
 def test_a_disk_too_slow_loses_records_loudly_and_never_blocks(tmp_path, stalled_disk, monkeypatch):
@@ -397,7 +397,7 @@ def test_a_disk_too_slow_loses_records_loudly_and_never_blocks(tmp_path, stalled
     with pytest.raises(RecordingError, match=r"is incomplete: .* a record was lost"):
         writer.close(OUTCOME)
     read = read_recording(tmp_path / "trial.mcap")
-    assert not read.complete
+    assert not read.is_complete
     assert_steps_are_whole(read.messages_by_topic["/physics"])
 
 
@@ -425,7 +425,7 @@ def test_data_that_are_not_safely_on_disk_are_never_complete(tmp_path, monkeypat
     with pytest.raises(RecordingError, match=r"is incomplete: .*Input/output error"):
         write_trial(path)
     read = read_recording(path)
-    assert (read.complete, read.outcome) == (False, None)
+    assert (read.is_complete, read.outcome) == (False, None)
     assert len(read.messages_by_topic["/physics"]) == 40
 
 

@@ -10,8 +10,17 @@ from hypothesis import strategies as st
 
 from avrgym.array_types import FloatArray
 from avrgym.recording.schema import Stream, StreamSamples
-from avrgym.recording.streams import MAX_CLOCK_LEAD_S, MIN_GAP_INTERVALS, correct_sample_times, stream_quality
-from avrgym.study.export.physio import recorded_series, text_events, text_stream_corrections
+from avrgym.recording.streams import (
+    MIN_FORWARD_CLOCK_RESET_S,
+    MIN_GAP_INTERVALS,
+    compute_stream_quality,
+    correct_sample_times,
+)
+from avrgym.study.export.physio import (
+    read_numeric_stream_samples,
+    read_text_events,
+    read_text_stream_time_corrections,
+)
 
 RATES_HZ = st.sampled_from([1.0, 10.0, 50.0, 100.0, 512.0])
 JUMPS_S = st.one_of(st.floats(0.6, 2.0), st.floats(2.0, 400_000.0)).flatmap(
@@ -40,7 +49,7 @@ def chunked(clock_s: FloatArray, taken_s: FloatArray, size: int, late: Sequence[
 
 def figures(chunks: list[Any], rate_hz: float) -> Any:
     topics = {"/streams": [(0, Stream("heart", "Belt", "ECG", rate_hz, ["ecg"], []))], "/samples": chunks}
-    (found,) = stream_quality(topics)
+    (found,) = compute_stream_quality(topics)
     return found
 
 
@@ -56,7 +65,7 @@ def streams(draw: st.DrawFn) -> tuple[float, FloatArray, FloatArray, list[str], 
         step_s = 1.0 / rate_hz
         if what == "gap":
             step_s *= draw(st.floats(MIN_GAP_INTERVALS + 2.0, 20.0))
-            step_s = max(step_s, 2.0 * MAX_CLOCK_LEAD_S)
+            step_s = max(step_s, 2.0 * MIN_FORWARD_CLOCK_RESET_S)
         else:
             ahead_s += draw(JUMPS_S) * max(1.0, 12.0 / rate_hz)
         start_s = taken[-1][-1] + step_s
@@ -76,7 +85,7 @@ def test_jumps_are_told_apart_from_gaps_and_times_are_those_of_the_samples(
     rate_hz, taken_s, clock_s, happened, chunks = drawn
     found = correct_sample_times(chunks, rate_hz)
     assert (np.diff(found.time_s) >= 0.0).all()
-    assert len(found.resets) == happened.count("jump")
+    assert len(found.clock_resets) == happened.count("jump")
     np.testing.assert_allclose(found.time_s, taken_s, rtol=0.0, atol=1e-6)
     assert figures(chunks, rate_hz).gaps == happened.count("gap")
     if "jump" not in happened:
@@ -109,25 +118,25 @@ def test_marks_at_any_time_are_put_where_they_arrived(jump_s: float) -> None:
     taken_s = np.array([0.5, 2.0, 2.4, 7.0, 7.1, 12.0])
     late = (0.0, 0.9, 0.0)
     untouched = correct_sample_times(chunked(taken_s, taken_s, 1, late), 0.0)
-    assert untouched.resets == ()
+    assert untouched.clock_resets == ()
     np.testing.assert_array_equal(untouched.time_s, taken_s)
     clock_s = taken_s + np.where(taken_s > 7.05, jump_s, 0.0)
     found = correct_sample_times(chunked(clock_s, taken_s, 1), 0.0)
-    assert [round(reset.jump_s, 1) for reset in found.resets] == [jump_s]
+    assert [round(reset.jump_s, 1) for reset in found.clock_resets] == [jump_s]
     np.testing.assert_allclose(found.time_s, taken_s, rtol=0.0, atol=0.05)
 
 
 def test_a_clock_that_is_wrong_from_the_beginning_is_corrected_by_arrivals() -> None:
     taken_s = np.arange(100) / 50.0
     found = correct_sample_times(chunked(taken_s + 86_400.0, taken_s, 5), 50.0)
-    assert [round(reset.jump_s) for reset in found.resets] == [86_400]
+    assert [round(reset.jump_s) for reset in found.clock_resets] == [86_400]
     np.testing.assert_allclose(found.time_s, taken_s, rtol=0.0, atol=0.1)
 
 
 def test_jitter_that_steps_back_is_raised_and_no_reset() -> None:
     times_s = np.array([0.00, 0.01, 0.03, 0.02, 0.04])
     found = correct_sample_times(chunked(times_s, times_s, 5), 100.0)
-    assert (found.resets, found.num_corrected_samples) == ((), 1)
+    assert (found.clock_resets, found.num_corrected_samples) == ((), 1)
     assert found.time_s.tolist() == [0.00, 0.01, 0.03, 0.03, 0.04]
 
 
@@ -143,10 +152,10 @@ def test_exports_contain_corrected_times_and_what_was_corrected() -> None:
         "/streams": [(0, heart), (0, Stream("button", "Box", "Markers", 0.0, [], []))],
         "/samples": [*chunked(clock_s, taken_s, 5), *said],
     }
-    (series,) = recorded_series(topics, 0.5)
-    np.testing.assert_allclose(series.time_s, taken_s - 0.5, rtol=0.0, atol=1e-9)
-    (reset,) = series.sidecar()["timestamp"]["ClockResets"]
+    (series,) = read_numeric_stream_samples(topics, 0.5)
+    np.testing.assert_allclose(series.sample_times_s, taken_s - 0.5, rtol=0.0, atol=1e-9)
+    (reset,) = series.make_sidecar()["timestamp"]["ClockResets"]
     assert (reset["Onset"], reset["JumpInSeconds"]) == (pytest.approx(0.5), pytest.approx(-1.0))
-    assert [round(time_ns / 1e9, 2) for time_ns, _ in text_events(topics)] == [0.99, 1.99, 2.99]
-    assert len(text_stream_corrections(topics, 0.5)["button"]["ClockResets"]) == 1
+    assert [round(time_ns / 1e9, 2) for time_ns, _ in read_text_events(topics)] == [0.99, 1.99, 2.99]
+    assert len(read_text_stream_time_corrections(topics, 0.5)["button"]["ClockResets"]) == 1
     assert figures(chunked(clock_s, taken_s, 5), 100.0).gaps == 0

@@ -16,8 +16,8 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.recording.reader import read_recording
-from avrgym.replay.packing import POSE_RESOLUTION, pack_poses
 from avrgym.replay.page import DATA_SCRIPT_TAG, ReplayedTrial, write_page
+from avrgym.replay.pose_packing import POSE_RESOLUTION, pack_poses
 from avrgym.replay.timeline import align_robot_starts, build_timeline
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from helpers.browser.journey import WATCH_SCENES

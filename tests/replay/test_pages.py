@@ -10,8 +10,8 @@ from test_replay_shown import nothing, recording  # noqa: F401
 
 from avrgym.replay.server import ReplayServer
 from avrgym.replay.timeline import build_timeline
-from avrgym.study.dashboard.application import dashboard_app
-from avrgym.study.storage.store import Store
+from avrgym.study.dashboard.application import make_dashboard_app
+from avrgym.study.storage.store import StudyStore
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
@@ -49,12 +49,12 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer[Sess
     folder = tmp_path_factory.mktemp("served")
     study = make_study(folder / "study", tasks='["Feeding"]', title=json.dumps("A study"))
     with (
-        Store(study) as store,
+        StudyStore(study) as store,
         LiveServer(
             lambda send: Session(PLAN, constant_policies(PLAN), folder, send, "test"),
             "127.0.0.1",
             0,
-            study=lambda tokens, _session: dashboard_app(store, tokens),
+            study=lambda tokens, _session: make_dashboard_app(store, tokens),
         ) as server,
     ):
         yield server
@@ -107,7 +107,9 @@ def test_the_page_draws_every_detail_without_a_headset(browser: Browser, server:
 def test_the_watchers_page_shows_the_session(
     browser: Browser, server: LiveServer[Session], role: str
 ) -> None:
-    address = server.page_urls("spectator", getattr(server.tokens, role))[0].replace("#", "?detail=light#")
+    address = server.list_page_urls("spectator", getattr(server.tokens, role))[0].replace(
+        "#", "?detail=light#"
+    )
     with visited(browser, address) as page:
         expect(page.locator("#watch-phase")).not_to_have_text("–", timeout=PATIENCE_MS)
         page.wait_for_load_state("networkidle")
@@ -115,7 +117,7 @@ def test_the_watchers_page_shows_the_session(
 
 @pytest.mark.slow
 def test_the_dashboard_shows_study_and_picture(browser: Browser, server: LiveServer[Session]) -> None:
-    with visited(browser, server.page_urls("dashboard", server.tokens.experimenter)[0]) as page:
+    with visited(browser, server.list_page_urls("dashboard", server.tokens.experimenter)[0]) as page:
         expect(page.locator("#title")).to_have_text("A study", timeout=PATIENCE_MS)
         inside = page.frame_locator("iframe")
         expect(inside.locator("#view canvas")).to_be_visible(timeout=PATIENCE_MS)
@@ -140,7 +142,7 @@ def test_a_page_that_cannot_draw_says_so(
 ) -> None:
     with launch(playwright, "--disable-3d-apis") as browser:
         page = browser.new_page()
-        page.goto(server.page_urls(page_name, server.tokens.experimenter)[0])
+        page.goto(server.list_page_urls(page_name, server.tokens.experimenter)[0])
         expect(page.locator("#problem")).to_contain_text("cannot draw in 3D")
         expect(page.locator("#enter")).to_be_hidden()
 

@@ -18,10 +18,10 @@ from avrgym.recording.configuration import Versions
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.recording.writer import RecordingWriter
 from avrgym.replay.playback import ComparedState, Playback, ReplayError
-from avrgym.replay.verification import STATE_QUANTITIES, verify
-from avrgym.study.storage.store import Store
+from avrgym.replay.verification import STATE_QUANTITIES, verify_recording
+from avrgym.study.storage.store import StudyStore
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.vr.protocol.messages import ParticipantDisconnected, Ready, Stop
+from avrgym.vr.protocol.messages import ParticipantDisconnected, ParticipantReady, Stop
 from helpers.studies.configurations import with_configuration
 from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant
 from helpers.vr.visit import ENVIRONMENT, Visit, plan
@@ -41,7 +41,7 @@ def visited(folder: Path, environment: str) -> list[Path]:
     visit.calibrate()
     visit.run_until("trial")
     visit.tick(TICKS_INTO_STEP)
-    visit.send(Stop(), Ready())
+    visit.send(Stop(), ParticipantReady())
     visit.run_until("trial")
     visit.tick(5)
     visit.send(ParticipantDisconnected())
@@ -83,11 +83,11 @@ def test_every_attempt_steps_again_to_the_same_bits(tmp_path: Path, environment:
     results = []
     for path in visited(tmp_path, environment):
         recording = read_recording(path)
-        found = verify(recording)
+        found = verify_recording(recording)
         assert found.differences == []
-        assert found.states == found.identical_states == len(recording.messages_by_topic["/physics"])
-        assert found.steps == found.identical_steps == len(recording.messages_by_topic["/control"])
-        assert (found.complete, found.same_versions) == (True, True)
+        assert found.num_states == found.num_identical_states == len(recording.messages_by_topic["/physics"])
+        assert found.num_steps == found.num_identical_steps == len(recording.messages_by_topic["/control"])
+        assert (found.is_complete, found.has_same_versions) == (True, True)
         results.append(recording.result)
         steps = len(recording.messages_by_topic["/commands"])
         assert steps == {"stopped": 3, "interrupted": 1, "completed": STEPS + HELD_ONCE}[results[-1]]
@@ -120,8 +120,8 @@ def with_number(field: str, place: int, by: float = 0.0) -> Change:
 @pytest.mark.parametrize("number", [1, 30, -1])
 def test_the_last_bit_of_a_state_is_found(whole: Recording, number: int) -> None:
     time_ns, physics = whole.messages_by_topic["/physics"][number]
-    found = verify(changed(whole, "/physics", number, with_number("state", 3)))
-    assert found.identical_states == found.states - 1
+    found = verify_recording(changed(whole, "/physics", number, with_number("state", 3)))
+    assert found.num_identical_states == found.num_states - 1
     (difference,) = found.differences
     assert (difference.quantity, difference.times) == ("qpos", 1)
     assert difference.first_time_s == time_ns / 1e9
@@ -134,8 +134,8 @@ def test_more_than_rounding_is_no_agreement(whole: Recording, by: float) -> None
     """In a state or in the result of a control step."""
     bent = changed(whole, "/physics", 30, with_number("state", 3, by))
     told = changed(whole, "/control", 2, with_number("observation", 2, by))
-    for found in (verify(bent), verify(told)):
-        assert not found.identical
+    for found in (verify_recording(bent), verify_recording(told)):
+        assert not found.is_identical
         assert not found.agrees_within_rounding
 
 
@@ -163,10 +163,10 @@ def test_more_than_rounding_is_no_agreement(whole: Recording, by: float) -> None
     ],
 )
 def test_whatever_a_control_step_holds_is_compared(whole: Recording, quantity: str, change: Change) -> None:
-    found = verify(changed(whole, "/control", 1, change))
+    found = verify_recording(changed(whole, "/control", 1, change))
     assert [difference.quantity for difference in found.differences] == [quantity]
     assert found.agrees_within_rounding == (quantity in ("observation", "action"))  # by one bit
-    assert (found.identical_steps, found.identical_states) == (STEPS - 1, found.states)
+    assert (found.num_identical_steps, found.num_identical_states) == (STEPS - 1, found.num_states)
 
 
 @pytest.mark.parametrize(
@@ -179,8 +179,8 @@ def test_whatever_a_control_step_holds_is_compared(whole: Recording, quantity: s
 def test_other_commands_and_other_movements_lead_elsewhere(
     whole: Recording, topic: str, change: Change
 ) -> None:
-    found = verify(changed(whole, topic, 1, change))
-    assert found.identical_states < found.states
+    found = verify_recording(changed(whole, topic, 1, change))
+    assert found.num_identical_states < found.num_states
     assert not found.agrees_within_rounding
     assert {difference.quantity for difference in found.differences} >= {"ctrl", "qpos", "qvel"}
 
@@ -196,7 +196,7 @@ def test_who_follows_goes_on_from_the_recorded_states(whole: Recording) -> None:
     """A changed state is shown as recorded; the one after it differs, because it came from another."""
     bent = changed(whole, "/physics", 10, with_number("state", 3))
     states = [again for again in Playback(bent).recompute(follow=True) if isinstance(again, ComparedState)]
-    assert [number for number, again in enumerate(states) if not again.identical] == [10, 11]
+    assert [number for number, again in enumerate(states) if not again.is_identical] == [10, 11]
 
 
 # What cannot be compared, and says so ------------------------------------------------------------------------
@@ -210,11 +210,14 @@ def test_a_recording_that_breaks_off_is_verified_up_to_its_end(tmp_path: Path, p
         cut.write_bytes(content[: int(share * len(content))])
         shown = avrgym(cut, "--verify")
         assert shown.exit_code == 0, shown.output
-        found = verify(read_recording(cut))
+        found = verify_recording(read_recording(cut))
         assert "not complete" in shown.stdout
-        assert f"{found.until_s:.2f} s" in shown.stdout
-        assert f"{found.states} states bit-identical, {found.steps} control steps identical" in shown.stdout
-        lengths.add(found.states)
+        assert f"{found.end_time_s:.2f} s" in shown.stdout
+        assert (
+            f"{found.num_states} states bit-identical, {found.num_steps} control steps identical"
+            in shown.stdout
+        )
+        lengths.add(found.num_states)
     assert len(lengths) > 1
 
 
@@ -238,7 +241,7 @@ def test_the_command_tells_what_agreed_or_differs(
         in good.stdout
     )
     assert "simulated participant" in good.stdout
-    assert json.loads(figures.read_text())["identical_steps"] == STEPS
+    assert json.loads(figures.read_text())["num_identical_steps"] == STEPS
 
     bent = changed(whole, "/physics", 10, with_number("state", 3))
     bad = avrgym(written(bent, tmp_path / "bent.mcap"), "--verify")
@@ -280,16 +283,16 @@ def test_what_cannot_be_stepped_again_says_why(
     whole: Recording, change: Callable[[Recording], Recording], words: str
 ) -> None:
     with pytest.raises(ReplayError, match=words):
-        verify(change(whole))
+        verify_recording(change(whole))
 
 
 def test_a_recording_tells_its_whole_start_so_that_nothing_is_drawn(whole: Recording) -> None:
-    assert verify(with_configuration(whole, seed=12345)).identical
+    assert verify_recording(with_configuration(whole, seed=12345)).is_identical
 
 
 def test_the_command_answers_mistakes_in_one_line(tmp_path: Path, paths: list[Path]) -> None:
     (tmp_path / "text.mcap").write_text("not a recording")
-    with Store(make_study(tmp_path / "study", tasks='["Feeding"]')) as store:
+    with StudyStore(make_study(tmp_path / "study", tasks='["Feeding"]')) as store:
         run_participant(store, enrol_with_consent(store), trials=1)
     (incomplete,) = (tmp_path / "study").rglob("*.mcap")
     old = tmp_path / "old.png"

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.recording.reader import read_recording
-from avrgym.replay.verification import verify
+from avrgym.replay.verification import verify_recording
 from avrgym.tasks.settings import Settings
 from helpers.vr.visit import Visit, plan
 
@@ -33,7 +33,7 @@ def test_a_trial_with_settings_is_replayed_to_the_same_bits(tmp_path: Path, envi
     (path,) = visit.session.recordings
     recording = read_recording(path)
     assert recording.configuration.settings == CHANGED[environment]
-    found = verify(recording)
+    found = verify_recording(recording)
     assert found.differences == []
-    assert found.states == found.identical_states == len(recording.messages_by_topic["/physics"])
-    assert found.steps == found.identical_steps == 4
+    assert found.num_states == found.num_identical_states == len(recording.messages_by_topic["/physics"])
+    assert found.num_steps == found.num_identical_steps == 4

@@ -10,9 +10,9 @@ import pytest
 from avrgym.cli import replay as command
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.replay.playback import Playback, ReplayError
-from avrgym.replay.verification import verify
+from avrgym.replay.verification import verify_recording
 from avrgym.system import plugins
-from avrgym.tasks.registry import plugins_of
+from avrgym.tasks.registry import find_plugins
 from helpers.studies.configurations import with_configuration
 from helpers.system.fake_plugins import change, register
 from helpers.vr.visit import ENVIRONMENT, Visit, plan
@@ -23,7 +23,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """A recording with a robot of a package, whose module is there to be changed."""
     folder = tmp_path_factory.mktemp("plugins")
     with pytest.MonkeyPatch.context() as patch:
-        module = register(patch, folder / "lab", plugins.ROBOT_GROUP, "Jaco")
+        module = register(patch, folder / "lab", plugins.ROBOT_ENTRY_POINT_GROUP, "Jaco")
         visit = Visit(folder / "visit", plan(environments=[ENVIRONMENT], trial_steps=2))
         visit.calibrate()
         visit.run_until("trial")
@@ -48,13 +48,13 @@ def with_other_states(recording: Recording) -> Recording:
 
 
 def test_a_recording_stores_its_plug_ins_and_verifies(recording: Recording) -> None:
-    assert recording.configuration.plugins == plugins_of(ENVIRONMENT)
-    found = verify(recording)
-    assert (found.identical, found.plugin_differences) == (True, [])
+    assert recording.configuration.plugins == find_plugins(ENVIRONMENT)
+    found = verify_recording(recording)
+    assert (found.is_identical, found.plugin_differences) == (True, [])
 
 
 def test_a_difference_without_a_reason_stays_an_error(recording: Recording) -> None:
-    found = verify(with_other_states(recording))
+    found = verify_recording(with_other_states(recording))
     with pytest.raises(ReplayError, match="although both have the same versions"):
         command._print_differences(found)
 
@@ -63,10 +63,10 @@ def test_the_changed_plug_in_is_the_reason(
     made: tuple[Recording, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     recording, module = made
-    before = plugins_of(ENVIRONMENT)[0]
+    before = find_plugins(ENVIRONMENT)[0]
     change(module)
-    found = verify(with_other_states(recording))
-    assert found.plugin_differences == [f"robot Jaco was {before}, is {plugins_of(ENVIRONMENT)[0]}"]
+    found = verify_recording(with_other_states(recording))
+    assert found.plugin_differences == [f"robot Jaco was {before}, is {find_plugins(ENVIRONMENT)[0]}"]
     command._print_differences(found)
     assert f"A plug-in has changed: {found.plugin_differences[0]}." in capsys.readouterr().out
     other_scene = with_configuration(recording, body_names=("world",))

@@ -11,7 +11,8 @@ from PIL import Image, ImageSequence
 from playwright.sync_api import expect, sync_playwright
 
 from avrgym.recording.reader import Recording, read_recording
-from avrgym.replay.pictures import (
+from avrgym.replay.playback import ComparedState, Playback
+from avrgym.replay.rendering import (
     CAPTION_HEIGHT_PX,
     GIF_FRAMES_PER_S,
     STRIP_IMAGE_SIZE_PX,
@@ -21,11 +22,10 @@ from avrgym.replay.pictures import (
     write_image_strip,
     write_video,
 )
-from avrgym.replay.playback import ComparedState, Playback
 from avrgym.replay.server import ReplayServer
 from avrgym.replay.timeline import STATES_PER_FRAME, build_timeline
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
-from avrgym.vr.live_world.scene_message import poses
+from avrgym.vr.live_world.scene_message import encode_world_poses
 from helpers.vr.visit import Visit, plan
 
 PATIENCE_S = 180.0
@@ -64,7 +64,7 @@ def test_the_poses_are_those_of_every_second_recorded_state(recording: Recording
     timeline, frames = build_timeline(recording, nothing)
     playback = Playback(recording)
     shown = [
-        (again.time_s, poses(playback.episodes))
+        (again.time_s, encode_world_poses(playback.episodes))
         for again in playback.recompute()
         if isinstance(again, ComparedState)
     ][::STATES_PER_FRAME]

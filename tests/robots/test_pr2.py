@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.geometry import kinematics, transforms
 from avrgym.models.body_names import Side
-from avrgym.models.robot import robot_spec
+from avrgym.models.robot import build_robot_spec
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.pr2.robot import MESH_FOLDER, PR2
@@ -31,7 +31,7 @@ def models() -> dict[Side, mujoco.MjModel]:
     """The PR2 by its moving arm."""
     models: dict[Side, mujoco.MjModel] = {}
     for side in SIDES:
-        models[side] = robot_spec(PR2, PR2.arms[side], appearance=False).compile()
+        models[side] = build_robot_spec(PR2, PR2.arms[side], appearance=False).compile()
         models[side].opt.timestep = PHYSICS_STEP_S
         models[side].opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     return models
@@ -39,7 +39,7 @@ def models() -> dict[Side, mujoco.MjModel]:
 
 @pytest.fixture(scope="module")
 def dressed() -> mujoco.MjModel:
-    return robot_spec(PR2, PR2.arms["right"], appearance=True).compile()
+    return build_robot_spec(PR2, PR2.arms["right"], appearance=True).compile()
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,9 @@ def test_all_that_does_not_move_is_where_the_description_has_it(side, models, de
     """The other arm at the angles of the reference, the head looking down, the hands closed."""
     model, data = models[side], mujoco.MjData(models[side])
     mujoco.mj_kinematics(model, data)
-    holding = {joint: np.array(angle) for joint, angle in PR2.fixed_joints.items() if joint[0] != side[0]}
+    holding = {
+        joint: np.array(angle) for joint, angle in PR2.fixed_joint_positions.items() if joint[0] != side[0]
+    }
     lift = np.array(raised(model, description))
     values = holding | {"torso_lift_joint": lift, "head_tilt_joint": np.array(HEAD_TILT_RAD)}
     for body in (model.body(i).name for i in range(2, model.nbody)):
@@ -98,9 +100,9 @@ def test_all_that_does_not_move_is_where_the_description_has_it(side, models, de
 
 def test_the_arms_rest_as_in_the_reference():
     left = [1.75, 1.25, 1.5, -0.5, 1.0, 0.0, 1.0]
-    assert_array_equal([PR2.fixed_joints[joint] for joint in PR2.arms["left"].joints], left)
+    assert_array_equal([PR2.fixed_joint_positions[joint] for joint in PR2.arms["left"].joints], left)
     right = [-1.75, 1.25, -1.5, -0.5, -1.0, 0.0, -1.0]
-    assert_array_equal([PR2.fixed_joints[joint] for joint in PR2.arms["right"].joints], right)
+    assert_array_equal([PR2.fixed_joint_positions[joint] for joint in PR2.arms["right"].joints], right)
 
 
 def test_the_torso_is_raised_as_far_as_it_may(models, description):
@@ -115,7 +117,8 @@ def test_right_and_left_mirror_each_other(rng, pose, chains):
         "random": (MIRROR_SIGNS * (lefts := within_ranges(rng, left)), lefts),
         "seed": (PR2.arms["right"].seed_pose[None], PR2.arms["left"].seed_pose[None]),
         "holding": tuple(
-            np.array([[PR2.fixed_joints[joint] for joint in PR2.arms[side].joints]]) for side in SIDES
+            np.array([[PR2.fixed_joint_positions[joint] for joint in PR2.arms[side].joints]])
+            for side in SIDES
         ),
     }[pose]
     (right_pos, right_q), (left_pos, left_q) = (

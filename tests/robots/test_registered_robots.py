@@ -12,7 +12,7 @@ from avrgym.geometry import kinematics, transforms
 from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.cup import CUP
 from avrgym.models.human import Person
-from avrgym.models.robot import Arm, Robot, UnsuitableRobotError, robot_spec, robot_spec_with_tool
+from avrgym.models.robot import Arm, Robot, UnsuitableRobotError, build_robot_spec, build_robot_spec_with_tool
 from avrgym.models.scene import build_scene_spec
 from avrgym.models.scratcher import SCRATCHER
 from avrgym.models.spoon import SPOON
@@ -48,14 +48,14 @@ def arm_of(robot: Robot) -> Arm:
 
 def suits(task: Task, robot: Robot) -> bool:
     try:
-        task.scene(robot)
+        task.make_scene(robot)
     except UnsuitableRobotError:
         return False
     return True
 
 
 def chain_of(robot: Robot, arm: Arm) -> kinematics.Chain:
-    model = robot_spec(robot, arm, appearance=False).compile()
+    model = build_robot_spec(robot, arm, appearance=False).compile()
     return kinematics.extract_chain(model, arm.joints, robot.base, arm.end_effector)
 
 
@@ -87,11 +87,13 @@ def test_inverse_kinematics_is_the_inverse_of_forward(robot, rng):
 def test_sizes_follow_its_joints(robot):
     joints = len(arm_of(robot).joints)
     for task in (task for task in TASKS.values() if suits(task, robot)):
-        with_jaco = task.observation(task.scene(ROBOTS["Jaco"])).size
-        assert len(task.scene(robot).arm.joints) == joints
+        with_jaco = task.make_observation_spec(task.make_scene(ROBOTS["Jaco"])).size
+        assert len(task.make_scene(robot).arm.joints) == joints
         displacement = 0 if robot.drive is None else 3
-        assert task.observation(task.scene(robot)).size == with_jaco + joints - 7 + displacement
-        assert len(task.scene(robot).action_names) == joints + (0 if robot.drive is None else 2)
+        assert (
+            task.make_observation_spec(task.make_scene(robot)).size == with_jaco + joints - 7 + displacement
+        )
+        assert len(task.make_scene(robot).action_names) == joints + (0 if robot.drive is None else 2)
 
 
 def test_its_jacobian_is_the_derivative_of_its_kinematics(robot, rng):
@@ -99,7 +101,7 @@ def test_its_jacobian_is_the_derivative_of_its_kinematics(robot, rng):
     arm, drives = arm_of(robot), robot.drive is not None
     chain = chain_of(robot, arm)
     start = arm.seed_pose + rng.uniform(-0.05, 0.05, (20, len(arm.joints)))
-    found = kinematics.action_jacobian(chain, start, drives=drives)
+    found = kinematics.compute_action_jacobian(chain, start, drives=drives)
     for column in range(found.shape[-1]):
         ends = [moved_tip(chain, start, column, sign * 1e-6) for sign in (-1.0, 1.0)]
         speed = (ends[1][0] - ends[0][0]) / 2e-6
@@ -122,7 +124,7 @@ def moved_tip(chain, start, column, step):
 def test_a_joint_follows_its_command_and_stops(robot):
     """At full speed a joint lags 0.15 s or less. Afterwards all are at their targets."""
     arm = arm_of(robot)
-    model = robot_spec(robot, arm, appearance=False).compile()
+    model = build_robot_spec(robot, arm, appearance=False).compile()
     for number, name in enumerate(arm.joints):
         data = mujoco.MjData(model)
         places = [int(model.joint(joint).qposadr[0]) for joint in arm.joints]
@@ -143,7 +145,7 @@ def test_a_joint_follows_its_command_and_stops(robot):
 @pytest.mark.fast_cases(2)
 @pytest.mark.parametrize(("robot", "tool"), GRIPS, ids=[f"{robot.name} {tool}" for robot, tool in GRIPS])
 def test_its_grip_holds_the_tool_without_overlap(robot, tool):
-    model = robot_spec_with_tool(robot, arm_of(robot), TOOLS[tool], "tool", appearance=True).compile()
+    model = build_robot_spec_with_tool(robot, arm_of(robot), TOOLS[tool], "tool", appearance=True).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     seen = [geom for geom in range(model.ngeom) if model.geom_group[geom] == VISUAL_GROUP]
@@ -170,7 +172,9 @@ def carried_by(model: mujoco.MjModel, geom: int, name: str, *, siblings: bool = 
 
 
 def test_visual_geoms_do_not_change_the_dynamics(robot):
-    plain, dressed = (robot_spec(robot, arm_of(robot), appearance=seen).compile() for seen in (False, True))
+    plain, dressed = (
+        build_robot_spec(robot, arm_of(robot), appearance=seen).compile() for seen in (False, True)
+    )
     for field in ("body_mass", "body_inertia", "body_pos", "body_quat", "jnt_range", "actuator_gainprm"):
         assert_allclose(getattr(plain, field), getattr(dressed, field))
 
@@ -179,7 +183,7 @@ def test_visual_geoms_do_not_change_the_dynamics(robot):
 @pytest.mark.parametrize("robot", [ROBOTS["Panda"], FETCH], ids=lambda robot: robot.name)
 def test_a_browser_is_shown_a_robot_of_a_package(robot):
     """Every moving link has a node with a mesh in the scene that clients draw."""
-    scene = TASKS["Feeding"].scene(robot)
+    scene = TASKS["Feeding"].make_scene(robot)
     model = build_scene_spec(scene, Person(), moving=True, appearance=True).compile()
     drawn = {body for body, node in GlbFile(export_glb(model)).nodes("body").items() if node.get("children")}
     links = {model.body(model.joint(f"robot/{joint}").bodyid[0]).name for joint in scene.arm.joints}
@@ -208,7 +212,7 @@ SKIPPED_PLUGINS = {
         FETCH, arms={"right": replace(ARM, end_effector="paw")}
     ),
     "fingers of its grips: its model has no 'thumb'": replace(
-        FETCH, grips={"spoon": replace(FETCH.grips["spoon"], fingers={"thumb": 0.0})}
+        FETCH, grips={"spoon": replace(FETCH.grips["spoon"], finger_joint_positions={"thumb": 0.0})}
     ),
     "outside the range of joint .elbow_flex_joint.": replace(
         FETCH, arms={"right": replace(ARM, seed_pose=np.array([0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0]))}
@@ -233,4 +237,4 @@ def test_a_robot_does_the_tasks_for_which_it_has_everything():
     spoon_only = replace(FETCH, grips={"spoon": FETCH.grips["spoon"]})
     assert [name for name, task in TASKS.items() if suits(task, spoon_only)] == ["Feeding"]
     with pytest.raises(ValueError, match="Fetch has no grip"):
-        TASKS["Drinking"].scene(spoon_only)
+        TASKS["Drinking"].make_scene(spoon_only)

@@ -4,8 +4,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial import KDTree
 
-from avrgym.models.robot import robot_spec
-from avrgym.models.scene import robot_with_tool
+from avrgym.models.robot import build_robot_spec
+from avrgym.models.scene import build_robot_with_tool_spec
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.registry import find_robot
 from helpers.robots import jaco_xacro
@@ -16,7 +16,7 @@ SPOON_GRIP = JACO.grips["spoon"]
 
 @pytest.fixture(scope="module")
 def jaco() -> mujoco.MjModel:
-    return robot_spec(JACO, ARM, appearance=False).compile()
+    return build_robot_spec(JACO, ARM, appearance=False).compile()
 
 
 def test_the_masses_are_those_of_the_public_description(jaco):
@@ -46,7 +46,7 @@ def test_the_seed_pose_lies_within_the_ranges(jaco):
 
 
 def test_the_servos_are_critically_damped_for_the_inertia_at_the_seed_pose(feeding_scene):
-    model = robot_with_tool(feeding_scene, appearance=False).compile()
+    model = build_robot_with_tool_spec(feeding_scene, appearance=False).compile()
     data = mujoco.MjData(model)
     data.qpos[:] = ARM.seed_pose
     mujoco.mj_forward(model, data)
@@ -58,7 +58,9 @@ def test_the_servos_are_critically_damped_for_the_inertia_at_the_seed_pose(feedi
 
 
 def test_appearance_changes_nothing_that_moves():
-    plain, dressed = (robot_spec(JACO, ARM, appearance=appearance).compile() for appearance in (False, True))
+    plain, dressed = (
+        build_robot_spec(JACO, ARM, appearance=appearance).compile() for appearance in (False, True)
+    )
     assert_allclose(plain.body_mass, dressed.body_mass)
     assert_allclose(plain.body_inertia, dressed.body_inertia)
     assert_allclose(plain.body_pos, dressed.body_pos)
@@ -70,8 +72,8 @@ def test_the_fingertips_hold_the_handle(grip, finger):
     """Each tip is within 3 mm of the spoon's handle, at angles that the real fingers have."""
     gaps, _ = KDTree(grip["handle"]).query(grip[f"finger_tip_{finger}"])
     assert gaps.min() < 0.003
-    assert 0.0 <= SPOON_GRIP.fingers[f"finger_{finger}"] <= 1.51
-    assert 0.0 <= SPOON_GRIP.fingers[f"finger_tip_{finger}"] <= 2.0
+    assert 0.0 <= SPOON_GRIP.finger_joint_positions[f"finger_{finger}"] <= 1.51
+    assert 0.0 <= SPOON_GRIP.finger_joint_positions[f"finger_tip_{finger}"] <= 2.0
 
 
 def test_the_handle_runs_between_thumb_and_fingers(grip):
@@ -88,7 +90,7 @@ def test_the_handle_runs_between_thumb_and_fingers(grip):
 @pytest.fixture(scope="module")
 def grip(feeding_scene) -> dict[str, np.ndarray]:
     """Points (n, 3) on the skins of the fingertips and of the spoon's handle, metres."""
-    model = robot_with_tool(feeding_scene, appearance=True).compile()
+    model = build_robot_with_tool_spec(feeding_scene, appearance=True).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     points = {}

@@ -8,14 +8,18 @@ import numpy as np
 import pytest
 
 from avrgym.models import collision_bits
-from avrgym.models.robot import PREFIX, robot_spec
-from avrgym.models.self_collision import collision_pairs
+from avrgym.models.robot import ROBOT_NAME_PREFIX, build_robot_spec
+from avrgym.models.self_collision import find_collision_pairs
 from avrgym.robots.registry import ROBOTS
 from avrgym.simulation import base_search
 from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import task_and_scene
-from avrgym.tasks.robot_clearance import _robot_capsules, min_self_distance_m, self_collision_shape
+from avrgym.tasks.registry import find_task_and_scene
+from avrgym.tasks.robot_clearance import (
+    _robot_capsules,
+    compute_min_self_distance_m,
+    make_self_collision_shape,
+)
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 
 WORLDS, STEPS = 8, 60
@@ -57,10 +61,10 @@ def test_pairs_are_other_bodies_than_neighbours(name: str) -> None:
     """Pairs contain the hand and the base or the shoulder, and no link with its parent."""
     robot = ROBOTS[name]
     scene = Episodes(f"avrgym/ScratchItch{name}-v1", 1, settings=Settings(self_collision=True))
-    model, pairs = scene.simulation.model, collision_pairs(robot, robot.arms["left"])
+    model, pairs = scene.simulation.model, find_collision_pairs(robot, robot.arms["left"])
     assert pairs
     for pair in pairs:
-        first, second = (model.body(PREFIX + body).id for body in pair)
+        first, second = (model.body(ROBOT_NAME_PREFIX + body).id for body in pair)
         assert model.body_weldid[first] != model.body_weldid[second]
         assert first not in (model.body_parentid[second], second)
         assert (min(first, second) << 16) + max(first, second) not in model.exclude_signature
@@ -70,15 +74,17 @@ def test_pairs_are_other_bodies_than_neighbours(name: str) -> None:
 @pytest.mark.parametrize("name", ROBOTS)
 def test_links_that_touch_have_no_distance(name: str) -> None:
     """The capsules of the start search contain the links: where links collide, their distance is not positive."""
-    _, scene = task_and_scene(f"avrgym/ScratchItch{name}-v1", Settings(self_collision=True))
-    chain = placement.planning_chain(scene)
-    shape = self_collision_shape(scene, chain)
+    _, scene = find_task_and_scene(f"avrgym/ScratchItch{name}-v1", Settings(self_collision=True))
+    chain = placement.make_planning_chain(scene)
+    shape = make_self_collision_shape(scene, chain)
     bodies = [capsule.body for capsule in _robot_capsules(scene)]
     kept = Counter(frozenset(bodies[each] for each in pair) for pair in shape.capsule_pairs.tolist())
     checked = {
         pair for pair, count in kept.items() if count == np.prod([bodies.count(each) for each in pair])
     }
-    model = robot_spec(scene.robot, scene.arm, scene.robot.grips[scene.tool.grip_name], appearance=False)
+    model = build_robot_spec(
+        scene.robot, scene.arm, scene.robot.grips[scene.tool.grip_name], appearance=False
+    )
     for geom in model.geoms:
         geom.contype = geom.conaffinity = 1
     compiled = model.compile()
@@ -94,7 +100,7 @@ def test_links_that_touch_have_no_distance(name: str) -> None:
         found = {frozenset(compiled.body(body).name for body in pair) for pair in pairs}
         if found & checked:
             touching += 1
-            assert min_self_distance_m(scene, chain, np.append(np.zeros(travel), pose)[None]) < 1e-6
+            assert compute_min_self_distance_m(scene, chain, np.append(np.zeros(travel), pose)[None]) < 1e-6
     assert touching > 0
 
 

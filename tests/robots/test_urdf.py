@@ -7,7 +7,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from avrgym.models.robot import Arm, Robot, arm_with_servo_gains, compile_robot_model, fix_joints, robot_spec
+from avrgym.models.robot import (
+    Arm,
+    Robot,
+    build_robot_spec,
+    compile_robot_model,
+    fix_joints,
+    make_arm_with_servo_gains,
+)
 from avrgym.models.urdf import Urdf
 from avrgym.robots.registry import ROBOTS
 from avrgym.robots.validation import check_robot
@@ -50,20 +57,22 @@ def description(*, bare: str = "", third: str = "revolute", mimics: str = "joint
 
 
 def build(text: str) -> mujoco.MjSpec:
-    return Urdf(text, Path).spec(appearance=False)
+    return Urdf(text, Path).build_spec(appearance=False)
 
 
 def arm_of(text: str) -> Arm:
-    return arm_with_servo_gains(
+    return make_arm_with_servo_gains(
         lambda _: build(text), JOINTS, "link_6", np.zeros(6), speed_limit=1.0, effort_limit=5.0
     )
 
 
 def robot_of(text: str, arm: Arm) -> Robot:
     jaco = ROBOTS["Jaco"]
-    grips = {name: replace(grip, fingers={"joint_7": 0.02}) for name, grip in jaco.grips.items()}
+    grips = {
+        name: replace(grip, finger_joint_positions={"joint_7": 0.02}) for name, grip in jaco.grips.items()
+    }
     return replace(
-        jaco, name="Made", build=lambda _: build(text), base="base", torso="base", fixed_joints={},
+        jaco, name="Made", build=lambda _: build(text), base="base", torso="base", fixed_joint_positions={},
         arms={"right": arm, "left": arm}, grips=grips,
     )  # fmt: skip
 
@@ -92,12 +101,16 @@ def test_a_robot_whose_gripper_mimics_can_be_used() -> None:
     robot = robot_of(text, arm_of(text))
     check_robot(robot)
     for grip in robot.grips.values():
-        assert compile_robot_model(robot_spec(robot, robot.arms["right"], grip, appearance=True)).njnt == 6
+        assert (
+            compile_robot_model(build_robot_spec(robot, robot.arms["right"], grip, appearance=True)).njnt == 6
+        )
 
 
 def test_a_joint_that_mimics_a_moving_one_follows_it() -> None:
     text = description(mimics="joint_2")
-    model = compile_robot_model(robot_spec(robot_of(text, arm_of(text)), arm_of(text), appearance=False))
+    model = compile_robot_model(
+        build_robot_spec(robot_of(text, arm_of(text)), arm_of(text), appearance=False)
+    )
     data = mujoco.MjData(model)
     data.ctrl[model.actuator("joint_2").id] = 0.2
     mujoco.mj_step(model, data, 500)
@@ -154,4 +167,4 @@ def test_invalid_urdf_is_rejected_with_a_fix(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         build(text)
     with pytest.raises(ValueError, match=message):
-        Urdf(text, Path).limits(["joint_1"])
+        Urdf(text, Path).read_joint_limits(["joint_1"])

@@ -9,13 +9,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.array_types import FloatArray
 from avrgym.models.human import GEOMS
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.safety.approach_speed import MONITORED_DISTANCE_M, effective_mass_kg
+from avrgym.safety.approach_speed import MONITORED_DISTANCE_M, compute_effective_mass_kg
 from avrgym.safety.force_guard import ForceGuard
 from avrgym.safety.limits import (
     BODY_REGIONS,
     QUASI_STATIC_LIMIT_N,
     REGION_INDEX_OF_GEOM,
-    max_impact_speed_m_s,
+    compute_max_impact_speed_m_s,
 )
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.simulation.state import State
@@ -36,18 +36,22 @@ Asked = Callable[[Episodes], Controller]
 def test_an_impact_at_the_maximum_speed_has_the_spring_energy_of_the_force():
     force_n = 0.5 * QUASI_STATIC_LIMIT_N
     for arm_mass_kg in (0.5, 3.0, 20.0, np.inf):
-        speeds = max_impact_speed_m_s(force_n, arm_mass_kg)
+        speeds = compute_max_impact_speed_m_s(force_n, arm_mass_kg)
         for region, force, speed in zip(BODY_REGIONS, force_n, speeds, strict=True):
             together_kg = 1.0 / (1.0 / region.effective_mass_kg + 1.0 / arm_mass_kg)
             stored_j = force**2 / (2.0 * 1000.0 * region.spring_constant_n_mm)
             assert_allclose(0.5 * together_kg * speed**2, stored_j)
-    assert (max_impact_speed_m_s(force_n, 3.0) > max_impact_speed_m_s(force_n, 20.0)).all()
+    assert (compute_max_impact_speed_m_s(force_n, 3.0) > compute_max_impact_speed_m_s(force_n, 20.0)).all()
 
 
 @pytest.mark.parametrize(("robot", "least_kg", "most_kg"), [("Jaco", 2.0, 4.0), ("PR2", 15.0, 25.0)])
 def test_the_effective_mass_is_half_the_arm_and_the_tool(robot: str, least_kg: float, most_kg: float):
     """A Jaco weighs 5 kg without its base; the shoulder of a PR2 turns with its whole arm, 41 kg."""
-    assert least_kg < effective_mass_kg(reset_episodes(f"avrgym/Feeding{robot}-v1", 1).simulation) < most_kg
+    assert (
+        least_kg
+        < compute_effective_mass_kg(reset_episodes(f"avrgym/Feeding{robot}-v1", 1).simulation)
+        < most_kg
+    )
 
 
 def from_axis_m(point: FloatArray, ends: FloatArray) -> float:
@@ -60,8 +64,8 @@ def shares(before: State, now: State, world: int, allowed_m_s: FloatArray) -> tu
     """How fast somebody came to the tool, and both together, as shares of what is allowed; of the fastest near one."""
     found = [[0.0, 0.0]]
     for index, name in enumerate(GEOMS):
-        was, ends = before.person_segment_w[world, index], now.person_segment_w[world, index]
-        pad, pad_before = now.pad_pos_w[world], before.pad_pos_w[world]
+        was, ends = before.person_capsule_ends_w[world, index], now.person_capsule_ends_w[world, index]
+        pad, pad_before = now.tool_pad_pos_w[world], before.tool_pad_pos_w[world]
         now_m, limit_m = from_axis_m(pad, ends), CONTROL_STEP_S * allowed_m_s[REGION_INDEX_OF_GEOM[name]]
         gap_m = now_m - now.person_radius_m[world, index]
         closed_m = [from_axis_m(place, was) - now_m for place in (pad, pad_before)]
@@ -75,12 +79,14 @@ def test_the_guard_overrides_exactly_above_the_speed_limits():
     """Arms that are led at people who come to meet them: each world, step by step, worked out once more alone."""
     episodes = reset_episodes(FEEDING, WORLDS, "participants", by_region=True)
     simulation = episodes.simulation
-    guard, before = ForceGuard(simulation), simulation.state()
-    allowed_m_s = max_impact_speed_m_s(0.5 * QUASI_STATIC_LIMIT_N, effective_mass_kg(simulation))
+    guard, before = ForceGuard(simulation), simulation.get_state()
+    allowed_m_s = compute_max_impact_speed_m_s(
+        0.5 * QUASI_STATIC_LIMIT_N, compute_effective_mass_kg(simulation)
+    )
     leads = episodes.task.feedback_expert(episodes)
     seen: list[tuple[bool, bool]] = []
     for _ in range(LEANING_STEPS):
-        now, asked = simulation.state(), np.clip(leads(episodes.observe()), -1.0, 1.0)
+        now, asked = simulation.get_state(), np.clip(leads(episodes.observe()), -1.0, 1.0)
         given = guard.begin_step(asked)
         for world in range(WORLDS):
             people, both = shares(before, now, world, allowed_m_s)
@@ -120,7 +126,7 @@ def largest_shares(environment: str, people: str, asked: Asked) -> tuple[FloatAr
         recorder, ask = RegionLoadRecorder(WORLDS), asked(episodes)
         for _ in range(LEANING_STEPS):
             episodes.step(np.clip(ask(episodes.observe()), -1.0, 1.0), recorder)
-        found.append((recorder.loads().peak_n / QUASI_STATIC_LIMIT_N).max(axis=-1))
+        found.append((recorder.compute_loads().peak_force_n / QUASI_STATIC_LIMIT_N).max(axis=-1))
     return found[0], found[1]
 
 

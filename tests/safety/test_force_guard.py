@@ -9,8 +9,8 @@ import pytest
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.models.scene import DEFAULT_SUBSTEPS
 from avrgym.safety.force_guard import (
-    INTERVENTION_FORCE_SHARE,
-    RELEASE_FORCE_SHARE,
+    INTERVENTION_FORCE_LIMIT_FRACTION,
+    RELEASE_FORCE_LIMIT_FRACTION,
     WAYPOINT_SPACING_RAD,
     ForceGuard,
 )
@@ -46,16 +46,22 @@ def drive(asked: Asked, *, guarded: bool, steps: int = 40, worlds: int = WORLDS)
     for _ in range(steps):
         action = asked(episodes)
         for tick in range(DEFAULT_SUBSTEPS):
-            before = share(simulation.region_force_n())
+            before = share(simulation.compute_region_force_n())
             changed = guard.update(action if tick == 0 else None)
             if tick == 0:
                 episodes.command_robots(guard.executed_action if guarded else action)
             elif guarded:
                 simulation.command_robot(guard.executed_action, changed)
             simulation.step(1)
-            after = share(simulation.region_force_n())
+            after = share(simulation.compute_region_force_n())
             ticks.append(
-                (before, after, guard.retracting_mask, simulation.joint_positions(), guard.executed_action)
+                (
+                    before,
+                    after,
+                    guard.retracting_mask,
+                    simulation.get_joint_positions(),
+                    guard.executed_action,
+                )
             )
         episodes.evaluate_step(action)
     return Driven(*(np.stack(each) for each in zip(*ticks, strict=True)))
@@ -75,16 +81,16 @@ def test_it_retracts_exactly_above_the_threshold(pushed):
     before, retracting = pushed[1].before, pushed[1].retracting
     begins = retracting & ~np.roll(retracting, 1, axis=0)
     assert begins.sum() >= 3
-    assert (before[begins] > INTERVENTION_FORCE_SHARE).all()
-    assert retracting[before > INTERVENTION_FORCE_SHARE].all()
+    assert (before[begins] > INTERVENTION_FORCE_LIMIT_FRACTION).all()
+    assert retracting[before > INTERVENTION_FORCE_LIMIT_FRACTION].all()
 
 
 def test_it_releases_only_below_the_release_share(pushed):
     before, retracting = pushed[1].before[1:], pushed[1].retracting
     ends = retracting[:-1] & ~retracting[1:]
     assert ends.sum() >= 3
-    assert (before[ends] < RELEASE_FORCE_SHARE).all()
-    assert not (retracting[1:] & retracting[:-1] & (before < RELEASE_FORCE_SHARE)).any()
+    assert (before[ends] < RELEASE_FORCE_LIMIT_FRACTION).all()
+    assert not (retracting[1:] & retracting[:-1] & (before < RELEASE_FORCE_LIMIT_FRACTION)).any()
 
 
 def test_high_forces_are_lower_and_shorter_with_the_guard(pushed):
@@ -93,8 +99,8 @@ def test_high_forces_are_lower_and_shorter_with_the_guard(pushed):
     assert 3 <= acted.sum() < WORLDS
     assert (guarded.after.max(axis=0)[acted] < without.after.max(axis=0)[acted]).all()
     assert (
-        2 * (guarded.after > INTERVENTION_FORCE_SHARE).sum()
-        < (without.after > INTERVENTION_FORCE_SHARE).sum()
+        2 * (guarded.after > INTERVENTION_FORCE_LIMIT_FRACTION).sum()
+        < (without.after > INTERVENTION_FORCE_LIMIT_FRACTION).sum()
     )
 
 
@@ -128,11 +134,11 @@ def test_an_arm_without_a_path_stands_still():
     simulation = episodes.simulation
     guard = ForceGuard(simulation)
     guard.retracting_mask[:] = True
-    simulation.region_force_n = lambda: QUASI_STATIC_LIMIT_N[None]
-    start = simulation.joint_positions()
+    simulation.compute_region_force_n = lambda: QUASI_STATIC_LIMIT_N[None]
+    start = simulation.get_joint_positions()
     for _ in range(30):
         episodes.step(guard.begin_step(np.ones((1, 7))))
-    assert np.abs(simulation.joint_positions() - start).max() < WAYPOINT_SPACING_RAD
+    assert np.abs(simulation.get_joint_positions() - start).max() < WAYPOINT_SPACING_RAD
 
 
 def test_a_reset_clears_the_path(pushed):
@@ -144,5 +150,5 @@ def test_a_reset_clears_the_path(pushed):
     guard.reset(np.array([0]))
     assert not guard.retracting_mask.any()
     assert not guard.num_interventions.any()
-    angles = episodes.simulation.joint_positions()
+    angles = episodes.simulation.get_joint_positions()
     assert (guard._path == angles[:, None]).all()

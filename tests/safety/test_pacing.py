@@ -20,7 +20,7 @@ from avrgym.commands.vocabulary import COMMAND_NAMES, CommandName, CommandSource
 from avrgym.policies import registry
 from avrgym.safety.pacing import (
     COMMAND_INPUT_ENTRIES,
-    CONTINUING,
+    CONTINUING_MODE,
     DISTANCE_TOLERANCE_M,
     PACING_MODES,
     PacingLayer,
@@ -69,14 +69,14 @@ def drive(
                 episodes.control_loop.apply_command(script[number])
             actions = act(episodes.observe()).astype(float)
             step = episodes.step(actions)
-            found.append((actions, step, pacing.mode.copy(), pacing.speed_factor.copy()))
+            found.append((actions, step, pacing.mode_index.copy(), pacing.speed_factor.copy()))
     return found
 
 
 def test_the_layer_only_scales_the_actions_of_the_policy(rng: np.random.Generator) -> None:
     _, pacing = paced(rules())
     for factor in np.linspace(MIN_SPEED_FACTOR, MAX_SPEED_FACTOR, 9):
-        pacing.mode[:], pacing.speed_factor[:] = CONTINUING, factor
+        pacing.mode_index[:], pacing.speed_factor[:] = CONTINUING_MODE, factor
         actions = rng.normal(0.0, 1.5, (2, 7))
         executed = pacing.override_within_step(actions)
         assert (np.abs(executed) <= np.minimum(1.0, factor * np.abs(np.clip(actions, -1, 1)))).all()
@@ -129,12 +129,12 @@ def test_wait_backs_off_and_other_side_changes_the_side() -> None:
     drive(episodes, "revised", 80, {5: "ready", 30: "wait"})
     assert pacing.waiting_mask.all()
     assert (pacing.tool_distance_m > 0.14).all()
-    state = episodes.state()
-    before = np.sign(state.pad_pos_w[:, 0] - state.mouth_pos_w[:, 0])
+    state = episodes.get_state()
+    before = np.sign(state.tool_pad_pos_w[:, 0] - state.mouth_pos_w[:, 0])
     drive(episodes, "revised", 60, {0: "other_side"})
-    state = episodes.state()
+    state = episodes.get_state()
     assert pacing.waiting_mask.all()
-    assert_array_equal(np.sign(state.pad_pos_w[:, 0] - state.mouth_pos_w[:, 0]), -before)
+    assert_array_equal(np.sign(state.tool_pad_pos_w[:, 0] - state.mouth_pos_w[:, 0]), -before)
 
 
 @pytest.mark.parametrize("timing", ["after_swallowing", "with_company"])
@@ -143,7 +143,7 @@ def test_robots_can_continue_without_a_command(timing: BiteTiming) -> None:
     modes = np.array([mode for _, _, mode, _ in drive(episodes, "revised", 70, {})])
     waiting = (modes == PACING_MODES.index("waiting")).sum(axis=0)
     assert (waiting >= 10).all()
-    assert (modes[-1] == CONTINUING).any()
+    assert (modes[-1] == CONTINUING_MODE).any()
 
 
 def test_preferences_without_waiting_change_no_bit() -> None:
@@ -172,12 +172,12 @@ def test_again_ends_a_withdrawal() -> None:
     )
     episodes.reset(np.arange(2), generators())
     drive(episodes, "revised", 60, {2: "ready"})
-    assert episodes.control_loop.withdrawing.any()
+    assert episodes.control_loop.withdrawing_mask.any()
     effective = episodes.control_loop.apply_command("again")
-    assert effective[episodes.control_loop.withdrawing | effective].all()
-    assert not episodes.control_loop.withdrawing.any()
+    assert effective[episodes.control_loop.withdrawing_mask | effective].all()
+    assert not episodes.control_loop.withdrawing_mask.any()
     drive(episodes, "revised", 5, {})
-    assert not episodes.control_loop.withdrawing.any()
+    assert not episodes.control_loop.withdrawing_mask.any()
 
 
 def test_controllers_receive_the_latest_command() -> None:
@@ -185,7 +185,8 @@ def test_controllers_receive_the_latest_command() -> None:
     pacing.apply_command("slower", np.array([True, False]))
     episodes.step(np.zeros((2, 7)))
     seen = [
-        dict(zip(COMMAND_INPUT_ENTRIES, row, strict=True)) for row in episodes.control_loop.command_input()
+        dict(zip(COMMAND_INPUT_ENTRIES, row, strict=True))
+        for row in episodes.control_loop.make_command_input()
     ]
     assert (seen[0]["slower"], seen[1]["slower"]) == (1.0, 0.0)
     assert (seen[0]["speed_factor"], seen[1]["speed_factor"]) == (0.75, 1.0)

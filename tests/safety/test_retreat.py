@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from avrgym.models.scene import CONTROL_STEP_S, DEFAULT_SUBSTEPS
-from avrgym.policies.trained import load_policy, packaged_policies
+from avrgym.policies.trained_policies import find_packaged_policies, load_policy
 from avrgym.safety.retreat import MAX_RETREAT_DURATION_S, Retreat
 from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
@@ -21,13 +21,15 @@ RELEASED_N = 1.0
 """What the force of a contact may rise by when the brakes let go."""
 CARRIED_N, LEFT_N = 12.0, 1.5
 """What the force of a limp arm on the tool may rise by, and what may be left of it, when the tool moves away."""
-WITH_POLICIES = [environment for environment in ENVIRONMENTS if "revised" in packaged_policies(environment)]
+WITH_POLICIES = [
+    environment for environment in ENVIRONMENTS if "revised" in find_packaged_policies(environment)
+]
 
 
 def helped(environment: str, seed: int) -> Episodes:
     """A robot at the end of its trial: it has helped, and its brakes have stopped it."""
     episodes = Episodes(environment, 1, people="revised", moving=True, num_threads=1)
-    policy = load_policy("revised", environment, episodes.observation.size, episodes.action_size)
+    policy = load_policy("revised", environment, episodes.observation_spec.size, episodes.action_size)
     generators = [np.random.default_rng(seed)]
     episodes.reset(np.array([0]), generators)
     episodes.simulation.command_person(episodes.people.joint_angles_rad)
@@ -41,11 +43,11 @@ def helped(environment: str, seed: int) -> Episodes:
 def retreated(episodes: Episodes) -> Iterator[State]:
     """The states after each physics step of the robot's retreat."""
     retreat = Retreat(episodes.simulation)
-    while (action := retreat.next_action()) is not None:
+    while (action := retreat.compute_next_action()) is not None:
         episodes.simulation.command_robot(action[None])
         for _ in range(DEFAULT_SUBSTEPS):
             episodes.simulation.step(1)
-            yield episodes.simulation.state()
+            yield episodes.simulation.get_state()
 
 
 def from_mouth_m(state: State) -> float:
@@ -59,7 +61,7 @@ def from_mouth_m(state: State) -> float:
 def test_a_tool_leaves_slowly_and_presses_nobody(environment: str, seed: int) -> None:
     episodes = helped(environment, seed)
     carries = "ArmManipulation" in environment
-    before = episodes.simulation.state()
+    before = episodes.simulation.get_state()
     states = list(retreated(episodes))
     assert len(states) <= round(MAX_RETREAT_DURATION_S / CONTROL_STEP_S) * DEFAULT_SUBSTEPS
     for state in states:
@@ -74,4 +76,4 @@ def test_a_tool_leaves_slowly_and_presses_nobody(environment: str, seed: int) ->
 def test_a_tool_that_is_away_stays() -> None:
     episodes = Episodes("avrgym/FeedingJaco-v1", 1, moving=True, num_threads=1)
     episodes.reset(np.array([0]), [np.random.default_rng(0)])
-    assert Retreat(episodes.simulation).next_action() is None
+    assert Retreat(episodes.simulation).compute_next_action() is None

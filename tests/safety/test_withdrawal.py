@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 
 from avrgym.array_types import BoolArray
 from avrgym.policies import registry
-from avrgym.policies.trained import packaged_policies
+from avrgym.policies.trained_policies import find_packaged_policies
 from avrgym.safety.retreat import RETREAT_TOOL_SPEED_M_S
 from avrgym.safety.withdrawal import FINAL_MOUTH_DISTANCE_M, SETTLING_TIME_S
 from avrgym.tasks.control_loop import StepOutcome
@@ -23,8 +23,8 @@ WITHDRAWN_STEPS = 40
 BRAKED_STEPS = 3
 """Control steps within which an arm goes from the policy's speed to that of the withdrawal."""
 FEEDING = "avrgym/FeedingJaco-v1"
-WITH_POLICIES = [name for name in ENVIRONMENTS if "revised" in packaged_policies(name)]
-ENDING = [name for name in WITH_POLICIES if TASKS[find_environment(name)[0]].withdraws_after_success]
+WITH_POLICIES = [name for name in ENVIRONMENTS if "revised" in find_packaged_policies(name)]
+ENDING = [name for name in WITH_POLICIES if TASKS[find_environment(name)[0]].withdraws_tool_after_success]
 GOING_ON = [name for name in WITH_POLICIES if name not in ENDING]
 
 
@@ -58,7 +58,7 @@ def course(environment: str, policy: str, *, withdraws: bool, steps: int = STEPS
     found = Course([], [])
     with registry.open_policy(registry.resolve_policy(policy, environment), episodes, generators()) as act:
         for _ in range(steps):
-            found.driven.append(episodes.control_loop.withdrawing)
+            found.driven.append(episodes.control_loop.withdrawing_mask)
             found.steps.append(episodes.step(act(episodes.observe()).astype(float)))
     return found
 
@@ -90,14 +90,22 @@ def test_the_feeding_robot_withdraws_after_success() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("environment", "policy"),
-    [(name, kind) for name in ENDING for kind in ("revised", "adaptive") if kind in packaged_policies(name)],
+    [
+        (name, kind)
+        for name in ENDING
+        for kind in ("revised", "adaptive")
+        if kind in find_packaged_policies(name)
+    ],
 )
 def test_every_robot_withdraws_in_tasks_that_end_with_success(environment: str, policy: str) -> None:
     assert_withdraws(environment, policy)
 
 
 def test_only_feeding_and_drinking_end_with_success() -> None:
-    assert {name for name, task in TASKS.items() if task.withdraws_after_success} == {"Feeding", "Drinking"}
+    assert {name for name, task in TASKS.items() if task.withdraws_tool_after_success} == {
+        "Feeding",
+        "Drinking",
+    }
 
 
 @pytest.mark.slow
@@ -121,7 +129,7 @@ def test_until_then_no_bit_differs() -> None:
 def test_a_copy_goes_on_withdrawing_to_the_same_bits() -> None:
     episodes = reset_episodes(FEEDING, withdraws=True)
     with registry.open_policy(registry.resolve_policy("revised", FEEDING), episodes, generators()) as act:
-        while not episodes.control_loop.withdrawing.all():
+        while not episodes.control_loop.withdrawing_mask.all():
             episodes.step(act(episodes.observe()).astype(float))
         for _ in range(3):
             episodes.step(act(episodes.observe()).astype(float))
@@ -133,10 +141,10 @@ def test_a_copy_goes_on_withdrawing_to_the_same_bits() -> None:
 def test_a_new_episode_is_driven_by_its_policy() -> None:
     episodes = reset_episodes(FEEDING, withdraws=True)
     with registry.open_policy(registry.resolve_policy("revised", FEEDING), episodes, generators()) as act:
-        while not episodes.control_loop.withdrawing.all():
+        while not episodes.control_loop.withdrawing_mask.all():
             episodes.step(act(episodes.observe()).astype(float))
     episodes.reset(np.array([1]), [np.random.default_rng(8)])
-    assert episodes.control_loop.withdrawing.tolist() == [True, False]
+    assert episodes.control_loop.withdrawing_mask.tolist() == [True, False]
 
 
 def test_other_engines_refuse_it() -> None:

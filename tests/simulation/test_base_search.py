@@ -22,10 +22,10 @@ def pr2_like() -> Chain:
     x, y, z = np.eye(3)
     return Chain(
         body_pos=np.array([[-0.05, -0.188, 0.79], 0.1 * x, 0 * x, 0.4 * x, 0 * x, 0.321 * x, 0 * x]),
-        body_q=np.tile(transforms.IDENTITY_QUATERNION, (7, 1)),
+        body_quat=np.tile(transforms.IDENTITY_QUATERNION, (7, 1)),
         joint_axis=np.array([z, y, x, y, x, y, x]),
         tip_pos=np.array([0.3, 0.0, 0.0]),
-        tip_q=transforms.IDENTITY_QUATERNION,
+        tip_quat=transforms.IDENTITY_QUATERNION,
         lower_limit=np.array([-2.285, -0.5236, -3.9, -2.3213, -inf, -2.18, -inf]),
         upper_limit=np.array([0.715, 1.3963, 0.8, 0.0, inf, 0.0, inf]),
     )
@@ -97,7 +97,7 @@ def tip_in_world(base: BasePoses, joint_positions: np.ndarray) -> tuple[np.ndarr
 
 def test_the_arm_starts_where_it_should(problem):
     choice = problem.search_base_pose()
-    assert choice.start_reached.all()
+    assert choice.is_start_reached.all()
     pos_w, q_w = tip_in_world(choice.base_poses, choice.joint_positions)
     assert np.linalg.norm(pos_w - problem.start_pos_w, axis=-1).max() < kinematics.MAX_POSITION_ERROR_M
     assert transforms.angle_between(q_w, problem.start_q_w).max() < kinematics.MAX_ROTATION_ERROR_RAD
@@ -114,8 +114,8 @@ def test_the_chosen_base_is_one_of_the_candidates(problem):
 
 def isotropy_by_numpy(joint_positions: np.ndarray) -> float:
     """Of one pose (J,)."""
-    _, _, j = kinematics.jacobian(CHAIN, joint_positions[None])
-    square = (j[0] * kinematics.joint_limit_weights(CHAIN, joint_positions[None])) @ j[0].T
+    _, _, j = kinematics.compute_jacobian(CHAIN, joint_positions[None])
+    square = (j[0] * kinematics.compute_joint_limit_weights(CHAIN, joint_positions[None])) @ j[0].T
     return max(float(np.linalg.det(square)), 0.0) ** (1 / 6) / (np.trace(square) / 6)
 
 
@@ -178,14 +178,14 @@ def test_the_cheapest_path_among_the_best_candidates_is_chosen(problem):
     assert seen["yaw"].shape == (WORLDS, base_search.NUM_PATH_COST_CANDIDATES)
     assert_array_equal(seen["yaw"][:, 0], plain.base_poses.yaw_rad)
     assert_array_equal(np.abs(chosen.base_poses.yaw_rad), np.abs(seen["yaw"]).min(axis=-1))
-    assert chosen.start_reached.all()
+    assert chosen.is_start_reached.all()
 
 
 def test_candidates_that_miss_the_start_count_for_nothing(problem):
     scores = problem.search_base_pose().scores
-    assert not scores.start_reached.all()
-    assert_array_equal(scores.num_goals_reached[~scores.start_reached], 0)
-    assert_array_equal(scores.isotropy_sum[~scores.start_reached], 0.0)
+    assert not scores.is_start_reached.all()
+    assert_array_equal(scores.num_goals_reached[~scores.is_start_reached], 0)
+    assert_array_equal(scores.isotropy_sum[~scores.is_start_reached], 0.0)
     assert (scores.isotropy_sum <= 1.0 + scores.num_goals_reached).all()
 
 
@@ -213,7 +213,7 @@ def test_worlds_without_any_base_say_so(problem):
     alone = problem.search_base_pose()
     problem.start_pos_w[3] += [6.0, 0.0, 0.0]
     choice = problem.search_base_pose()
-    assert_array_equal(np.nonzero(~choice.start_reached)[0], [3])
+    assert_array_equal(np.nonzero(~choice.is_start_reached)[0], [3])
     assert choice.candidate_index[3] == choice.scores.start_error_m[3].argmin()
     assert np.isfinite(choice.joint_positions).all()
     assert_array_equal(
@@ -224,8 +224,8 @@ def test_worlds_without_any_base_say_so(problem):
 def test_a_bad_seed_pose_is_made_up_for(rng):
     """Every world finds its base, and most a choice of at least ten."""
     choice = Problem(rng, count=64).search_base_pose(seed_pose=BAD_SEED_RAD)
-    assert choice.start_reached.all()
-    assert np.mean(choice.scores.start_reached.sum(axis=-1) >= 10) > 0.8
+    assert choice.is_start_reached.all()
+    assert np.mean(choice.scores.is_start_reached.sum(axis=-1) >= 10) > 0.8
 
 
 # Bits
@@ -236,7 +236,7 @@ def assert_same(some: BaseSearchResult, among: BaseSearchResult, worlds: slice) 
     assert_array_equal(some.base_poses.pos_w, among.base_poses.pos_w[worlds])
     assert_array_equal(some.base_poses.yaw_rad, among.base_poses.yaw_rad[worlds])
     assert_array_equal(some.joint_positions, among.joint_positions[worlds])
-    assert_array_equal(some.start_reached, among.start_reached[worlds])
+    assert_array_equal(some.is_start_reached, among.is_start_reached[worlds])
     for name, score in vars(some.scores).items():
         assert_array_equal(score, getattr(among.scores, name)[worlds])
 

@@ -104,9 +104,9 @@ def test_worlds_go_the_same_way_while_tools_touch_people(
 @with_warp
 def test_what_begins_in_one_world_changes_no_other(both: list[Episodes]) -> None:
     simulation = both[1].simulation
-    before = [simulation.qpos(world) for world in range(3)]
+    before = [simulation.get_qpos(world) for world in range(3)]
     both[1].reset(np.array([1]), [np.random.default_rng(8)])
-    after = [simulation.qpos(world) for world in range(3)]
+    after = [simulation.get_qpos(world) for world in range(3)]
     np.testing.assert_array_equal(before[0], after[0])
     np.testing.assert_array_equal(before[2], after[2])
     assert np.abs(before[1] - after[1]).max() > 0.01
@@ -116,12 +116,12 @@ def test_what_begins_in_one_world_changes_no_other(both: list[Episodes]) -> None
 def test_a_world_that_is_put_back_goes_the_same_way_again(both: list[Episodes]) -> None:
     simulation = both[1].simulation
     simulation.command_robot(np.full((3, 7), 0.5))
-    saved = simulation.integration_state(2)
+    saved = simulation.get_integration_state(2)
     simulation.step(3)
-    first = simulation.qpos(2)
+    first = simulation.get_qpos(2)
     simulation.set_integration_state(saved, 2)
     simulation.step(3)
-    np.testing.assert_allclose(simulation.qpos(2), first, atol=1e-6)
+    np.testing.assert_allclose(simulation.get_qpos(2), first, atol=1e-6)
 
 
 @with_warp
@@ -223,7 +223,7 @@ def test_actions_on_the_device_are_tensors_there_and_finite(there: Episodes) -> 
         with pytest.raises(ValueError, match=r"allowed: tensors of shape \(2, 7\), torch.float32 on cpu"):
             there.step(wrong)
     there.step(tensor(np.array([[np.nan] * 7, [0.0] * 7])))
-    assert np.isfinite(there.simulation.qpos(0)).all()
+    assert np.isfinite(there.simulation.get_qpos(0)).all()
     with pytest.raises(
         ValueError, match=r"actions in 1 worlds contain NaN or infinity; allowed: finite numbers"
     ):

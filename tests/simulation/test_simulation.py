@@ -7,13 +7,13 @@ from avrgym.geometry import kinematics, transforms
 from avrgym.models import human
 from avrgym.models.furniture import BOWL_BODY, BOWL_INITIAL_POS_M
 from avrgym.models.human import Person
-from avrgym.models.robot import PREFIX as ROBOT
+from avrgym.models.robot import ROBOT_NAME_PREFIX as ROBOT
 from avrgym.models.scene import SCENE_TOOL_BODY
 from avrgym.people import distributions
 from avrgym.simulation.worlds import REMOVED_PARTICLE_POS_W, Simulation
 from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.feeding.task import SPOON_START_Q_W
+from avrgym.tasks.feeding.task import INITIAL_SPOON_QUAT_W
 from helpers.simulation.worlds import jerky_actions
 
 FEEDING = "avrgym/FeedingJaco-v1"
@@ -38,7 +38,7 @@ def reset_episodes(
 
 
 def states(simulation: Simulation) -> np.ndarray:
-    return np.stack([simulation.integration_state(world) for world in range(simulation.num_worlds)])
+    return np.stack([simulation.get_integration_state(world) for world in range(simulation.num_worlds)])
 
 
 # Determinism
@@ -89,39 +89,41 @@ def test_an_episode_does_not_remember_the_one_before(rng):
 def test_each_world_has_a_person_of_its_own():
     """The world's model is that person's: geom sizes, places and the pose of the head."""
     episodes = reset_episodes(8)
-    state = episodes.simulation.state()
+    state = episodes.simulation.get_state()
     assert len(np.unique(state.head_pos_w.round(6), axis=0)) == 8
     for world in range(8):
-        person = episodes.person_of_world(world)
-        pos, q = human.body_frames(distributions.repeat_person(person, 1))
-        frames = human.body_layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]))
+        person = episodes.get_person(world)
+        pos, q = human.compute_body_frames(distributions.repeat_person(person, 1))
+        frames = human.compute_body_layout(
+            np.array([person.sex == "woman"]), np.array([person.torso_height_m])
+        )
         centre = pos["head"] + transforms.rotate(q["head"], frames.site_pos["head_centre"])
         assert_allclose(state.head_pos_w[world], centre[0], atol=1e-9)
-        assert_allclose(transforms.angle_between(state.head_q_w[world], q["head"][0]), 0, atol=1e-7)
+        assert_allclose(transforms.angle_between(state.head_quat_w[world], q["head"][0]), 0, atol=1e-7)
         for column, name in enumerate(human.GEOMS):
             assert state.person_radius_m[world, column] == pytest.approx(frames.geom_size[name][0, 0])
 
 
 def test_a_moving_person_is_the_same_body_as_a_static_one():
-    person = Person("man", 0.55, human.seated_joint_angles(head_z=20.0, waist_x=10.0))
+    person = Person("man", 0.55, human.make_seated_joint_angles(head_z=20.0, waist_x=10.0))
     static, moving = (
-        reset_episodes(1, person=person, moving=moving).simulation.state() for moving in (False, True)
+        reset_episodes(1, person=person, moving=moving).simulation.get_state() for moving in (False, True)
     )
     assert_allclose(static.head_pos_w, moving.head_pos_w, atol=1e-9)
     assert_allclose(static.mouth_pos_w, moving.mouth_pos_w, atol=1e-9)
-    assert_allclose(static.person_segment_w, moving.person_segment_w, atol=1e-9)
+    assert_allclose(static.person_capsule_ends_w, moving.person_capsule_ends_w, atol=1e-9)
     assert_allclose(static.person_radius_m, moving.person_radius_m, atol=1e-9)
 
 
 def test_a_moving_person_goes_where_the_targets_are():
     """Within 2 degrees after a second: waist and head twice as far as in a rollout, arms anywhere near."""
     episodes = reset_episodes(1, person=Person("woman", 0.54), moving=True)
-    target = human.seated_joint_angles(
+    target = human.make_seated_joint_angles(
         waist_x=15.0, waist_y=10.0, head_y=-10.0, head_z=40.0, left_elbow_x=-60.0
     )
     episodes.simulation.command_person(target[None])
     episodes.simulation.step(100)
-    assert_allclose(episodes.simulation.person_joint_angles_rad()[0], target, atol=np.radians(2.0))
+    assert_allclose(episodes.simulation.get_person_joint_angles_rad()[0], target, atol=np.radians(2.0))
 
 
 # The arm
@@ -129,10 +131,10 @@ def test_a_moving_person_goes_where_the_targets_are():
 
 def test_without_an_action_the_arm_holds():
     episodes = reset_episodes(8)
-    before = episodes.simulation.state().joint_positions
+    before = episodes.simulation.get_state().joint_positions
     for _ in range(20):
         episodes.step(np.zeros((8, 7)))
-    assert_allclose(episodes.simulation.state().joint_positions, before, atol=1e-3)
+    assert_allclose(episodes.simulation.get_state().joint_positions, before, atol=1e-3)
 
 
 def test_the_arm_stops_within_half_a_second_of_full_speed(rng):
@@ -144,10 +146,10 @@ def test_the_arm_stops_within_half_a_second_of_full_speed(rng):
     simulation = episodes.simulation
     free = [not _robot_touches(simulation.model, simulation.batch.get_data(world)) for world in range(8)]
     assert sum(free) >= 6
-    before = simulation.state().joint_positions
+    before = simulation.get_state().joint_positions
     for _ in range(5):
         episodes.step(np.zeros((8, 7)))
-    assert_allclose(simulation.state().joint_positions[free], before[free], atol=0.01)
+    assert_allclose(simulation.get_state().joint_positions[free], before[free], atol=0.01)
 
 
 def test_joints_move_as_fast_as_they_are_told():
@@ -157,9 +159,9 @@ def test_joints_move_as_fast_as_they_are_told():
     command = np.array([[0.5, -0.5, 0.5, 0.5, -0.5, 0.5, 0.5]])
     for _ in range(5):
         episodes.step(command)
-    before = episodes.simulation.state().joint_positions
+    before = episodes.simulation.get_state().joint_positions
     episodes.step(command)
-    moved = episodes.simulation.state().joint_positions - before
+    moved = episodes.simulation.get_state().joint_positions - before
     assert_allclose(moved / 0.1, command * limit, atol=0.15 * 0.5 * limit.max())
 
 
@@ -204,9 +206,9 @@ def test_food_stays_on_a_still_spoon():
     episodes = reset_episodes(16)
 
     def on_tool() -> np.ndarray:
-        state = episodes.simulation.state()
+        state = episodes.simulation.get_state()
         offset = state.particle_pos_w - state.tool_pos_w[:, None]
-        return transforms.rotate(transforms.conjugate(state.tool_q_w)[:, None], offset)
+        return transforms.rotate(transforms.conjugate(state.tool_quat_w)[:, None], offset)
 
     for _ in range(10):
         episodes.step(np.zeros((16, 7)))
@@ -226,7 +228,7 @@ def test_parked_food_rests_far_from_everything():
     episodes.simulation.remove_particles(gone)
     for _ in range(10):
         episodes.step(np.zeros((2, 7)))
-    state = episodes.simulation.state()
+    state = episodes.simulation.get_state()
     assert_allclose(state.particle_pos_w[gone], np.broadcast_to(REMOVED_PARTICLE_POS_W, (3, 3)), atol=0.2)
     assert np.abs(state.particle_velocity_w[gone]).max() < 1e-3
     beside = np.abs(state.particle_pos_w[~gone] - np.repeat(state.tool_pos_w, [6, 7], axis=0))
@@ -240,16 +242,18 @@ def pressed(scene) -> Simulation:
     """A world in which the spoon's tip presses on the middle of the face."""
     simulation = Simulation(scene, 1, num_threads=1)
     who = distributions.repeat_person(Person("man", 0.60), 1)
-    head = human.body_frames(who)[0]["head"]
+    head = human.compute_body_frames(who)[0]["head"]
     tool = head + np.array([0.0, -0.135, 0.06])
     bowl = {BOWL_BODY: np.array([BOWL_INITIAL_POS_M])}
-    level, uniforms = SPOON_START_Q_W[None], np.full((1, placement.NUM_UNIFORMS), 0.5)
-    start = placement.find_start(scene, who, bowl, tool, level, tool[:, None], level[:, None], uniforms)
+    level, uniforms = INITIAL_SPOON_QUAT_W[None], np.full((1, placement.NUM_RANDOM_NUMBERS), 0.5)
+    start = placement.find_initial_state(
+        scene, who, bowl, tool, level, tool[:, None], level[:, None], uniforms
+    )
     simulation.reset(np.array([0]), start)
     for _ in range(8):
-        now = simulation.state().joint_positions
-        _, _, jacobian = kinematics.jacobian(placement.arm_chain(scene), now)
-        ahead = transforms.rotate(transforms.conjugate(start.robot_q_w[0]), [0.0, 0.06, 0.0])
+        now = simulation.get_state().joint_positions
+        _, _, jacobian = kinematics.compute_jacobian(placement.make_arm_chain(scene), now)
+        ahead = transforms.rotate(transforms.conjugate(start.robot_base_quat_w[0]), [0.0, 0.06, 0.0])
         rates = np.linalg.pinv(jacobian[0]) @ np.concatenate([ahead, np.zeros(3)])
         simulation.command_robot((rates / scene.arm.speed_limit)[None])
         simulation.step()
@@ -275,10 +279,10 @@ def test_the_force_sensors_are_the_sums_of_contact_forces(feeding_scene):
     simulation.step(9)
     data, model = simulation.batch.get_data(0), simulation.batch.get_model(0)
     mujoco.mj_forward(model, data)
-    by_tool = contact_force(model, data, SCENE_TOOL_BODY, human.PREFIX)
-    by_robot = contact_force(model, data, ROBOT, human.PREFIX)
+    by_tool = contact_force(model, data, SCENE_TOOL_BODY, human.PERSON_NAME_PREFIX)
+    by_robot = contact_force(model, data, ROBOT, human.PERSON_NAME_PREFIX)
     simulation.step(1)
-    state = simulation.state()
+    state = simulation.get_state()
     assert by_tool[1] > 5.0  # towards the person's back
     assert_allclose(state.tool_force_n[0], np.linalg.norm(by_tool), rtol=1e-9)
     assert_allclose(state.robot_force_n[0], np.linalg.norm(by_robot), rtol=1e-9)
@@ -289,7 +293,9 @@ def contact_forces(model: mujoco.MjModel, data: mujoco.MjData, by: str) -> list[
     lengths, force = [], np.zeros(6)
     for index, contact in enumerate(data.contact):
         names = {model.body(model.geom_bodyid[geom]).name for geom in (contact.geom1, contact.geom2)}
-        if any(n.startswith(by) for n in names) and any(n.startswith(human.PREFIX) for n in names):
+        if any(n.startswith(by) for n in names) and any(
+            n.startswith(human.PERSON_NAME_PREFIX) for n in names
+        ):
             mujoco.mj_contactForce(model, data, index, force)
             lengths.append(float(np.linalg.norm(force[:3])))
     return lengths
@@ -309,7 +315,7 @@ def test_forces_on_the_person_add_up_over_contacts_of_links_and_tool():
             expected.append([sum(contact_forces(model, data, by)) for by in (ROBOT, SCENE_TOOL_BODY)])
         total, tool = np.array(expected).T
         simulation.step(1)
-        state = simulation.state()
+        state = simulation.get_state()
         assert_allclose(state.total_force_n, total, rtol=1e-6, atol=1e-9)
         assert_allclose(state.links_force_n, total - tool, rtol=1e-6, atol=1e-6)
         assert (state.total_force_n >= state.robot_force_n * (1.0 - 1e-9)).all()
@@ -318,7 +324,7 @@ def test_forces_on_the_person_add_up_over_contacts_of_links_and_tool():
 
 
 def test_an_untouched_person_feels_nothing():
-    state = reset_episodes(8).simulation.state()
+    state = reset_episodes(8).simulation.get_state()
     assert_array_equal(state.tool_force_n, 0.0)
     assert_array_equal(state.robot_force_n, 0.0)
     assert_array_equal(state.total_force_n, 0.0)
@@ -351,7 +357,7 @@ def test_a_warning_would_be_seen(capfd, tmp_path, monkeypatch):
 
 def test_a_state_does_not_change_with_the_world(rng):
     episodes = reset_episodes(2, people="participants")
-    state = episodes.simulation.state()
+    state = episodes.simulation.get_state()
     before = {name: np.copy(value) for name, value in vars(state).items() if isinstance(value, np.ndarray)}
     for action in jerky_actions(rng, 2, 10):
         episodes.step(action)

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from avrgym.models import collision_bits
-from avrgym.models.human import SEATED_POSE_RAD, TORSO_HEIGHT_RANGE_M, Person, seated_joint_angles
-from avrgym.people.arm_clearance import clearance, furniture_boxes, person_capsules
+from avrgym.models.human import SEATED_POSE_RAD, TORSO_HEIGHT_RANGE_M, Person, make_seated_joint_angles
+from avrgym.people.arm_clearance import compute_arm_clearance_m, compute_person_capsules, make_furniture_boxes
 from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.tasks.episodes import MAX_START_SAMPLES, Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
@@ -49,7 +49,7 @@ def test_starts_with_overlaps_are_drawn_again():
     false = reset_episodes(SCRATCHING, 128, "revised", "limits", checked=False)
     assert deepest_overlap_m(false) > 0.02
     again = reset_episodes(SCRATCHING, 128, "revised", "limits")
-    assert 0.05 < (again.start_samples > 1).mean() < 0.2
+    assert 0.05 < (again.num_initial_state_samples > 1).mean() < 0.2
     assert deepest_overlap_m(again) == 0.0
     assert first_step_forces(again).max() == 0.0
 
@@ -59,22 +59,26 @@ def test_a_start_without_overlap_is_that_of_the_first_draw(environment):
     old, new = (
         reset_episodes(environment, 24, "revised", "limits", checked=checked) for checked in (False, True)
     )
-    first = new.start_samples == 1
+    first = new.num_initial_state_samples == 1
     assert first.sum() > 15
-    for of in (Episodes.observe, Episodes.marker_positions_w, lambda e: e.simulation.joint_positions()):
+    for of in (
+        Episodes.observe,
+        Episodes.compute_marker_positions_w,
+        lambda e: e.simulation.get_joint_positions(),
+    ):
         assert_array_equal(of(old)[first], of(new)[first])
 
 
 def test_a_world_drawn_again_has_the_same_bits_alone_and_among_others():
     together = reset_episodes(SCRATCHING, 64, "revised", "limits", num_threads=2)
-    again = np.nonzero(together.start_samples > 1)[0]
+    again = np.nonzero(together.num_initial_state_samples > 1)[0]
     assert len(again) > 2
     for world in again[:3]:
         alone = Episodes(SCRATCHING, 1, people="revised", impairment="limits", num_threads=1)
         alone.reset(np.array([0]), [np.random.default_rng(int(world))])
-        assert alone.start_samples[0] == together.start_samples[world]
+        assert alone.num_initial_state_samples[0] == together.num_initial_state_samples[world]
         assert_array_equal(
-            alone.simulation.integration_state(0), together.simulation.integration_state(world)
+            alone.simulation.get_integration_state(0), together.simulation.get_integration_state(world)
         )
         assert_array_equal(alone.observe()[0], together.observe()[world])
 
@@ -95,7 +99,7 @@ def test_everybody_who_sits_upright_finds_room(environment, moving):
     [
         (HAND_AT_ROBOT_RAD, "person's right (hand|forearm|upper arm)"),
         (
-            seated_joint_angles(left_shoulder_y=-20.0, left_elbow_x=0.0),
+            make_seated_joint_angles(left_shoulder_y=-20.0, left_elbow_x=0.0),
             "left .* inside the wheelchair left armrest",
         ),
     ],
@@ -120,8 +124,13 @@ def test_no_live_world_begins_inside_the_participant():
 
 def test_arms_of_shrunken_ranges_leave_body_and_furniture_alone():
     episodes = reset_episodes(SCRATCHING, 256, "revised", "limits")
-    boxes = furniture_boxes(episodes.scene.furniture)
-    assert clearance(*person_capsules(episodes.people, episodes.scene.posture), boxes).min() > -1e-6
+    boxes = make_furniture_boxes(episodes.scene.furniture)
+    assert (
+        compute_arm_clearance_m(
+            *compute_person_capsules(episodes.people, episodes.scene.posture), boxes
+        ).min()
+        > -1e-6
+    )
 
 
 @pytest.mark.slow
@@ -133,7 +142,7 @@ def test_fitted_people_find_room_too(tmp_path):
         "right_shoulder_y = [5.0, 40.0]\n"
     )
     episodes = reset_episodes(FEEDING, 48, str(file), "tremor")
-    assert (episodes.start_samples > 1).any()
+    assert (episodes.num_initial_state_samples > 1).any()
     assert deepest_overlap_m(episodes) == 0.0
     assert first_step_forces(episodes).max() == 0.0
 
@@ -144,6 +153,6 @@ def test_the_check_sees_what_the_simulator_sees():
     touched = np.nonzero(first_step_forces(false) > 0.0)[0]
     judge = Episodes(SCRATCHING, 128, people="revised", impairment="limits", num_threads=1)
     assert judge._clearance is not None
-    conflicts = judge._clearance.find_conflicts(false.simulation.geoms(np.arange(128)))
+    conflicts = judge._clearance.find_conflicts(false.simulation.get_geoms(np.arange(128)))
     assert all(conflicts[world] is not None for world in touched)
     assert all("person's right hand" in str(conflicts[world]) for world in touched)

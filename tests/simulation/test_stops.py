@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.models import robot
 from avrgym.models.drive import DRIVE_JOINTS
 from avrgym.models.scene import PHYSICS_STEP_S
-from avrgym.policies.trained import packaged_policies
+from avrgym.policies.trained_policies import find_packaged_policies
 from avrgym.robots.registry import ROBOTS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
@@ -17,7 +17,7 @@ STOPS = 8
 
 
 @pytest.mark.fast_cases(1)
-@pytest.mark.parametrize("environment", [name for name in ENVIRONMENTS if packaged_policies(name)])
+@pytest.mark.parametrize("environment", [name for name in ENVIRONMENTS if find_packaged_policies(name)])
 def test_a_stopped_arm_is_slow_after_100_ms_and_never_comes_back(environment: str) -> None:
     stops = stop_at_random(environment, STOPS, seed=7)
     assert stops.residual_speed_m_s.max() < SLOW_M_S, stops
@@ -33,12 +33,12 @@ def test_a_brake_holds_more_than_its_motor_gives(robot_name: str) -> None:
     simulation, arm, drive = episodes.simulation, episodes.scene.arm, episodes.scene.robot.drive
     joints = (*arm.joints, *(() if drive is None else DRIVE_JOINTS))
     limits = np.concatenate([arm.effort_limit, () if drive is None else drive.effort_limit])
-    dofs = [simulation.model.joint(robot.PREFIX + joint).dofadr[0] for joint in joints]
+    dofs = [simulation.model.joint(robot.ROBOT_NAME_PREFIX + joint).dofadr[0] for joint in joints]
     simulation.brake_robot()
-    stopped = simulation.configuration()
+    stopped = simulation.get_configuration()
     simulation.batch.bind("qfrc_applied")[:, dofs] = 2.0 * limits
     simulation.step(round(1.0 / PHYSICS_STEP_S))
-    assert_allclose(simulation.configuration(), stopped, rtol=0.0, atol=5e-3)
+    assert_allclose(simulation.get_configuration(), stopped, rtol=0.0, atol=5e-3)
 
 
 @pytest.mark.parametrize("environment", ["avrgym/FeedingPR2-v1", "avrgym/DrinkingJaco-v1"])
@@ -53,5 +53,5 @@ def test_brakes_that_are_released_leave_no_trace(environment: str) -> None:
             episodes.simulation.brake_robot()
         for action in actions:
             episodes.step(action)
-        states.append([episodes.simulation.integration_state(world) for world in range(2)])
+        states.append([episodes.simulation.get_integration_state(world) for world in range(2)])
     assert_array_equal(*states)

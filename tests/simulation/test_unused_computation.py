@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from avrgym.models import collision_bits
-from avrgym.models.robot import PREFIX
+from avrgym.models.robot import ROBOT_NAME_PREFIX
 from avrgym.simulation.unused_computation import remove_unused_computation
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
@@ -29,7 +29,7 @@ def test_every_step_gives_the_bits_that_the_whole_model_gives(environment, movin
     whole = simulation.batch.get_model(0)
     for field in LEFT_OUT:
         getattr(whole, field)[:] = getattr(simulation.model, field)
-    state = simulation.integration_state()
+    state = simulation.get_integration_state()
     worlds = [(model, mujoco.MjData(model)) for model in (light, whole)]
     for model, data in worlds:
         mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -47,7 +47,7 @@ def test_every_step_gives_the_bits_that_the_whole_model_gives(environment, movin
 
 def test_of_a_robot_beside_still_people_only_what_moves_may_touch():
     model = reset_episodes("avrgym/FeedingPR2-v1", moving=False).simulation.batch.model
-    robots = [geom for geom in range(model.ngeom) if of_body(model, geom).startswith(PREFIX)]
+    robots = [geom for geom in range(model.ngeom) if of_body(model, geom).startswith(ROBOT_NAME_PREFIX)]
     still = [geom for geom in robots if model.body_weldid[model.geom_bodyid[geom]] == 0]
     assert still
     assert not model.geom_contype[still].any()

@@ -12,12 +12,12 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
-from avrgym.skeletons import writing
-from avrgym.skeletons.writing import TEMPLATE_NAMES, distribution_name, module_name
+from avrgym.skeletons import package_files
+from avrgym.skeletons.package_files import TEMPLATE_NAMES, make_module_name, make_package_name
 from avrgym.tasks.constants import PACKAGED_TASKS
 from helpers.system.example_package import avrgym, environment_variables, python
 
-SKELETONS = Path(writing.__file__).parent
+SKELETONS = Path(package_files.__file__).parent
 NAMES = {"task": "RollUpSleeve", "robot": "LongArm2", "controller": "LetGo"}
 
 
@@ -68,19 +68,19 @@ def test_each_template_is_listed_with_the_packaged_ones(installed: Path) -> None
 @pytest.mark.parametrize("kind", NAMES)
 def test_nothing_of_the_template_s_name_is_left(kind: str, installed: Path) -> None:
     written = files_in(installed / kind)
-    assert Path("src", module_name(NAMES[kind]), "__init__.py") in written
-    for spelt in (str, module_name, distribution_name):
+    assert Path("src", make_module_name(NAMES[kind]), "__init__.py") in written
+    for spelt in (str, make_module_name, make_package_name):
         name = spelt(TEMPLATE_NAMES[kind])  # type: ignore[index]
         assert [path for path, text in written.items() if name in f"{path} {text}"] == []
     project = tomllib.loads(written[Path("pyproject.toml")])["project"]
-    assert project["name"] == distribution_name(NAMES[kind])
+    assert project["name"] == make_package_name(NAMES[kind])
 
 
 @pytest.mark.parametrize(
     ("name", "spelt"), [("LiftArm", "lift_arm"), ("UR5", "ur5"), ("Gen3Lite", "gen3_lite"), ("A", "a")]
 )
 def test_a_name_is_spelt_as_python_spells_modules(name: str, spelt: str) -> None:
-    assert module_name(name) == spelt
+    assert make_module_name(name) == spelt
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_templates_that_were_compiled_give_the_same_package(
     sources = {path.relative_to(copy) for path in copy.rglob("*") if path.is_file()}
     compileall.compile_dir(copy, quiet=1, legacy=next_to_sources)
     assert list(copy.rglob("*.pyc"))
-    monkeypatch.setattr(writing, "files", lambda _package: tmp_path)
+    monkeypatch.setattr(package_files, "files", lambda _package: tmp_path)
     written = new(kind, NAMES[kind], "--out", tmp_path / "mine")
     assert written.exit_code == 0, written.output
     found = [path for path in (tmp_path / "mine").rglob("*") if path.is_file()]

@@ -41,7 +41,9 @@ def test_a_long_session_has_constant_memory_and_loses_no_frame(tmp_path: Path) -
         TrialPlan(environments[seed % len(environments)], "drive", seed, practice=False)
         for seed in range(TRIALS)
     ]
-    plan = SessionPlan(trials, "woman", 0.5, simulated=True, items=(), trial_steps=20, countdown_s=0.5)
+    plan = SessionPlan(
+        trials, "woman", 0.5, is_simulated=True, questionnaire_items=(), trial_steps=20, countdown_s=0.5
+    )
     memory: list[int] = []
     client = InProcessClient(
         SimulatedParticipant(sample_participant_traits("woman", 1), 1),

@@ -22,7 +22,7 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 from avrgym.learning import training
 from avrgym.learning.configuration import FeedforwardConfiguration
 from avrgym.learning.training import TrainingProgress, train
-from avrgym.system.cluster import Cluster, connect
+from avrgym.system.cluster import Cluster, connect_to_cluster
 from helpers.learning.ray_nodes import add_node, assert_same_training, kill_node, process_and_node, ray_nodes
 from helpers.system.processes import kill_with_parent
 
@@ -64,7 +64,7 @@ def first_worker(cluster: Cluster) -> int:
 def test_workers_are_killed_in_the_middle_of_updates(tmp_path: Path) -> None:
     configuration, undisturbed = undisturbed_training(WORKERS_KILLED + 1, tmp_path)
     killed: list[int] = []
-    with ray_nodes(1, 1) as nodes, connect(nodes.address, 2) as cluster:
+    with ray_nodes(1, 1) as nodes, connect_to_cluster(nodes.address, 2) as cluster:
 
         def kill(progress: TrainingProgress) -> None:
             if len(killed) < WORKERS_KILLED:
@@ -81,7 +81,7 @@ def test_workers_are_killed_in_the_middle_of_updates(tmp_path: Path) -> None:
 def test_nodes_are_killed_in_the_middle_of_updates(tmp_path: Path) -> None:
     configuration, undisturbed = undisturbed_training(NODES_KILLED + 1, tmp_path)
     killed: list[Any] = []
-    with ray_nodes(1, 1) as nodes, connect(nodes.address, 2) as cluster:
+    with ray_nodes(1, 1) as nodes, connect_to_cluster(nodes.address, 2) as cluster:
 
         def kill(progress: TrainingProgress) -> None:
             if len(killed) < NODES_KILLED:

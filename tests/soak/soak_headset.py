@@ -19,7 +19,7 @@ from avrgym.recording.reader import read_recording
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation import emulated_headset
 from avrgym.vr.emulation.emulated_headset import BrowserClient
-from avrgym.vr.latency import TOTAL_LATENCY_KEY, percentiles_ms
+from avrgym.vr.latency import TOTAL_LATENCY_KEY, compute_percentiles_ms
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.browser.journey import Journey
 
@@ -107,7 +107,7 @@ class Budget:
 def test_environment_fits_the_budget_of_a_standalone_headset(environment: str, tmp_path: Path) -> None:
     """Measured in free movement. The first scene has the planned body, the second the measured height."""
     trial = TrialPlan(environment, "revised", seed=3, practice=False)
-    plan = SessionPlan([trial], "woman", 600.0, simulated=True)
+    plan = SessionPlan([trial], "woman", 600.0, is_simulated=True)
     with ExitStack() as opened:
         how = {
             "width": 640,
@@ -170,7 +170,13 @@ def test_a_long_session_at_90_hz_has_constant_memory_and_synchronous_clocks(tmp_
         for seed in range(round(60 * MINUTES))
     ]
     plan = SessionPlan(
-        trials, "woman", 2.0, simulated=True, items=LIKERT_ITEMS[:1], trial_steps=100, countdown_s=1.0
+        trials,
+        "woman",
+        2.0,
+        is_simulated=True,
+        questionnaire_items=LIKERT_ITEMS[:1],
+        trial_steps=100,
+        countdown_s=1.0,
     )
     ends_s = time.monotonic() + 60.0 * MINUTES
     with ExitStack() as opened:
@@ -205,7 +211,9 @@ def test_a_long_session_at_90_hz_has_constant_memory_and_synchronous_clocks(tmp_
 
 def latency_ms(recording: Path) -> dict[str, dict[str, float]]:
     """Return latency percentiles of a trial's frames by stage."""
-    return percentiles_ms([record for _, record in read_recording(recording).messages_by_topic["/latency"]])
+    return compute_percentiles_ms(
+        [record for _, record in read_recording(recording).messages_by_topic["/latency"]]
+    )
 
 
 def server_bytes() -> int:

@@ -24,8 +24,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from avrgym.study.people.invitations import create_invitations
 from avrgym.study.storage.database import DATABASE_URL_VARIABLE
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from helpers.hosting.hosted_participants import (
     DESIGN,
     SETTINGS,
@@ -80,7 +80,7 @@ def host_with_faults(
             faults += [stack.enter_context(_postgresql())] * database_restarts
         if store_stops:
             faults += [stack.enter_context(_object_store())] * store_stops
-        store = stack.enter_context(Store(folder))
+        store = stack.enter_context(StudyStore(folder))
         host = stack.enter_context(_Host(store))
         faults += [host.kill] * host_kills + [lambda: _kill_session(store)] * kills
         random.Random(1).shuffle(faults)
@@ -88,7 +88,7 @@ def host_with_faults(
         watch = _Watch(host, store, faults)
         began_s = time.monotonic()
         people = stack.enter_context(ThreadPoolExecutor(1)).submit(
-            take_part_in_other_process, f"http://localhost:{host.served.host.port}", invitations
+            take_part_in_other_process, f"http://localhost:{host.served.host.public_port}", invitations
         )
         watch.run(people.done)  # in this thread: started processes end with the thread that started them
         outcomes, seconds = people.result(), time.monotonic() - began_s
@@ -106,7 +106,7 @@ def host_with_faults(
 class _Host:
     """Context manager: a host process, which is started again at the same ports when it is killed."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: StudyStore) -> None:
         self._store, self._open = store, ExitStack()
 
     def __enter__(self) -> "_Host":
@@ -163,26 +163,26 @@ def _object_store() -> Iterator[_Fault]:
         yield stop
 
 
-def _not_uploaded(store: Store) -> list[str]:
+def _not_uploaded(store: StudyStore) -> list[str]:
     """Wait until all recordings are uploaded. Returns those that are not after ``UPLOAD_TIMEOUT_S``."""
     if store.object_store is None:
         return []
     ends_s = time.monotonic() + UPLOAD_TIMEOUT_S
-    attempts = [each for one in store.participants() for each in store.attempts(one.pseudonym)]
-    paths = {each.recording: store.absolute_path(each.recording) for each in attempts}
+    attempts = [each for one in store.read_participants() for each in store.read_attempts(one.pseudonym)]
+    paths = {each.recording: store.resolve_path(each.recording) for each in attempts}
     missing = {name: path.stat().st_size for name, path in paths.items() if path.exists()}
     while missing and time.monotonic() < ends_s:
         time.sleep(1.0)
         with suppress(StudyError):
-            uploaded = store.object_store.sizes()
+            uploaded = store.object_store.list_file_sizes()
             missing = {name: size for name, size in missing.items() if uploaded.get(name) != size}
     return sorted(missing)
 
 
-def _kill_session(store: Store) -> bool:
+def _kill_session(store: StudyStore) -> bool:
     """Kill the process of a session with a running attempt. Returns whether there was one."""
-    sessions = [each for one in store.participants() for each in store.sessions(one.pseudonym)]
-    attempts = [each for one in store.participants() for each in store.attempts(one.pseudonym)]
+    sessions = [each for one in store.read_participants() for each in store.read_sessions(one.pseudonym)]
+    attempts = [each for one in store.read_participants() for each in store.read_attempts(one.pseudonym)]
     running = {each.session for each in attempts if each.state == "running"}
     processes = [each.process_id for each in sessions if each.state == "open" and each.id in running]
     if not processes:
@@ -195,7 +195,7 @@ def _kill_session(store: Store) -> bool:
 class _Watch:
     """Counts sessions and ticks, and causes one fault after another. ``faults``: those that remain."""
 
-    def __init__(self, host: _Host, store: Store, faults: list[_Fault]) -> None:
+    def __init__(self, host: _Host, store: StudyStore, faults: list[_Fault]) -> None:
         self.counts, self.faults = Counts(), faults
         self._host, self._store, self._restarts = host, store, 0
 

@@ -21,7 +21,7 @@ pytest.importorskip("ray", reason="Ray is an extra")
 
 from avrgym.hosting.cluster import RayNode, RayNodes
 from avrgym.hosting.session_pool import HostedSession
-from avrgym.system.cluster import connect
+from avrgym.system.cluster import connect_to_cluster
 from helpers.hosting.hosted_participants import host_participants
 from helpers.hosting.services import database_and_object_store
 from helpers.learning.ray_nodes import kill_node_named, ray_nodes
@@ -52,7 +52,7 @@ def host_on_cluster(
     with (
         database_and_object_store() as object_store,
         ray_nodes(1, 1) as cluster,
-        connect(cluster.address) as connected,
+        connect_to_cluster(cluster.address) as connected,
         ExitStack() as timers,
     ):
 
@@ -64,7 +64,7 @@ def host_on_cluster(
 
         def kill_its_node(session: HostedSession) -> None:
             assert isinstance(session.computer, RayNode)
-            kill_node_named(cluster, session.computer.name)
+            kill_node_named(cluster, session.computer.node_id)
 
         faults = iter(
             [kill_worker] * workers + [stop_store] * store_stops + [kill_its_node] * nodes,

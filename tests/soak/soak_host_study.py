@@ -16,7 +16,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from avrgym.study.people.invitations import create_invitations
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.hosting.emulated_participants import Course
 from helpers.hosting.hosted_participants import DESIGN, SETTINGS, take_part_in_other_process
 from helpers.hosting.served_host import host_process
@@ -51,7 +51,7 @@ def study_with_dropouts(folder: Path, participants: int) -> dict[str, Any]:
     for site in SITES:
         study = make_study(folder / site, **SHORT, site=f'"{site}"')
         (study / "host.toml").write_text(SHORT_ABSENCE)
-        with Store(study) as store, host_process(store) as (host, _):
+        with StudyStore(study) as store, host_process(store) as (host, _):
             invitations = [each.token for each in create_invitations(store, [""] * participants, days=1)]
             people = take_part_in_other_process(f"http://localhost:{host.port}", invitations, COURSES)
             outcomes.update(each["ending"] or each["error"] or "left" for each in people)

@@ -5,7 +5,12 @@ from collections.abc import Callable
 
 import pytest
 
-from avrgym.analysis.models.effects import EFFECT_KINDS, TrialValue, design_matrix, effects_of_interest
+from avrgym.analysis.models.effects import (
+    EFFECT_KINDS,
+    TrialValue,
+    list_effects_of_interest,
+    make_design_matrix,
+)
 from avrgym.analysis.models.estimate import ModelFitError
 from avrgym.analysis.models.fitting import (
     LOGISTIC_MODEL,
@@ -14,13 +19,17 @@ from avrgym.analysis.models.fitting import (
     drop_constant_groups,
     estimate_effects,
 )
-from avrgym.analysis.models.ordinal import MANCL_DEROUEN, UNCORRECTED, fit_ordinal_model
-from avrgym.analysis.power.power import count_significant_studies
+from avrgym.analysis.models.ordinal_models import (
+    MANCL_DEROUEN_CORRECTION,
+    NO_LEVERAGE_CORRECTION,
+    fit_ordinal_model,
+)
+from avrgym.analysis.power.power_simulation import count_significant_studies
 from avrgym.analysis.power.simulated_studies import PowerAssumptions
-from avrgym.study.design.design import Design, default_design_text, parse_design
+from avrgym.study.design.design import Design, parse_design, read_default_design_text
 from helpers.studies.simulated_results import simulated_answers, simulated_rewards, simulated_successes
 
-DESIGN = parse_design(default_design_text())
+DESIGN = parse_design(read_default_design_text())
 STUDIES = 1000
 PARTICIPANTS = (4, 8, 16)
 Simulate = Callable[[Design, int, int], list[TrialValue]]
@@ -37,7 +46,7 @@ KINDS = {ORDINAL_MODEL: no_drift, LOGISTIC_MODEL: simulated_successes, MIXED_MOD
 @pytest.mark.parametrize("model", KINDS)
 def test_false_positives_are_about_five_percent(model: str, participants: int) -> None:
     """Random effects of participants, also by policy, robot and task; no effect of policies."""
-    wanted, imagine = effects_of_interest(DESIGN), KINDS[model]
+    wanted, imagine = list_effects_of_interest(DESIGN), KINDS[model]
     hits: Counter[str] = Counter()
     fitted: Counter[str] = Counter()
     for number in range(STUDIES):
@@ -64,15 +73,18 @@ def test_false_positives_of_other_tests(participants: int) -> None:
     )
     for (test, _), (hits, _) in counted.items():
         print(f"\n{test}, {participants} participants: {100 * hits / STUDIES:.1f} %")
-    policies = effects_of_interest(DESIGN)[0]
-    for name, correction in (("uncorrected", UNCORRECTED), ("Mancl and DeRouen", MANCL_DEROUEN)):
+    policies = list_effects_of_interest(DESIGN)[0]
+    for name, correction in (
+        ("uncorrected", NO_LEVERAGE_CORRECTION),
+        ("Mancl and DeRouen", MANCL_DEROUEN_CORRECTION),
+    ):
         hits = 0
         for number in range(STUDIES):
             observed, _ = drop_constant_groups(ORDINAL_MODEL, no_drift(DESIGN, participants, number))
-            given = design_matrix(DESIGN, observed)
+            given = make_design_matrix(DESIGN, observed)
             people = [each.participant for each in observed]
             fitted = fit_ordinal_model([each.value for each in observed], given.matrix, people, correction)
-            hits += fitted.estimate(given.contrast(policies)).p < 0.05
+            hits += fitted.estimate(given.make_contrast(policies)).p < 0.05
         print(f"ordinal, {name}, {participants} participants: {100 * hits / STUDIES:.1f} %")
     by_trial = next(hits for (test, _), (hits, _) in counted.items() if test == "policies, by trial")
     assert by_trial > 0.1 * STUDIES

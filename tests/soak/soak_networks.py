@@ -14,11 +14,11 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from avrgym.hosting.host import Host
+from avrgym.hosting.host import StudyHost
 from avrgym.recording.reader import read_recording
-from avrgym.study.checking.tracking_loss import tracking_loss_share
+from avrgym.study.checking.tracking_loss import compute_tracking_loss_fraction
 from avrgym.study.people.invitations import create_invitations
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.hosting.emulated_participants import EmulatedParticipant, percentile_ms, record_motion
 from helpers.hosting.network_emulation import EmulatedNetwork, Network
 from helpers.studies.small_studies import make_study
@@ -52,34 +52,35 @@ def measure(folder: Path, networks: dict[str, Network]) -> list[dict[str, Any]]:
     """Let one participant take part over each network. Returns a row for each."""
     make_study(folder, **DESIGN)
     (folder / "host.toml").write_text("headset_check = false\nabsence_minutes = 1\n")
-    with Store(folder) as store, Host(store, max_sessions=AT_ONCE) as host:
+    with StudyStore(folder) as store, StudyHost(store, max_sessions=AT_ONCE) as host:
         invitations = create_invitations(store, [""] * len(networks), days=1)
         tokens = [each.token for each in invitations]
         with multiprocessing.get_context("spawn").Pool(1) as pool:
-            rows = pool.apply(_take_part, (host.port, tokens, networks))
+            rows = pool.apply(_take_part, (host.public_port, tokens, networks))
         pseudonyms = {row["number"]: each for row, each in zip(rows, _by_invitation(store), strict=True)}
         return [row | _stored(store, pseudonyms[row["number"]]) for row in rows]
 
 
-def _by_invitation(store: Store) -> list[str]:
-    from avrgym.study.storage.rows import InvitationUse, pseudonym_of
+def _by_invitation(store: StudyStore) -> list[str]:
+    from avrgym.study.storage.database_rows import InvitationUse, format_pseudonym
     from avrgym.study.storage.store import find_rows
 
     with store.database.read_transaction() as connection:
         uses = sorted(find_rows(connection, InvitationUse), key=lambda each: each.invitation)
-    return [pseudonym_of(each.participant or 0) for each in uses]
+    return [format_pseudonym(each.participant or 0) for each in uses]
 
 
-def _stored(store: Store, pseudonym: str) -> dict[str, Any]:
-    attempts = store.attempts(pseudonym)
+def _stored(store: StudyStore, pseudonym: str) -> dict[str, Any]:
+    attempts = store.read_attempts(pseudonym)
     shares = [
         share
         for each in attempts
         if each.state == "completed"
-        and (share := tracking_loss_share(read_recording(store.absolute_path(each.recording)))) is not None
+        and (share := compute_tracking_loss_fraction(read_recording(store.resolve_path(each.recording))))
+        is not None
     ]
     return {
-        "trials": sum(each.state == "completed" for each in store.trials(pseudonym)),
+        "trials": sum(each.state == "completed" for each in store.read_trials(pseudonym)),
         "interrupted": sum(each.state == "interrupted" for each in attempts),
         "tracking_lost_percent": round(100.0 * fmean(shares), 2) if shares else None,
     }

@@ -32,7 +32,7 @@ MIN_IMAGE_SHARE = 0.02
 def test_nothing_covers_the_questions(environment: str, tmp_path: Path) -> None:
     """After a trial, with the robot at its retreat position."""
     trial = TrialPlan(environment, "revised", seed=3, practice=False)
-    plan = SessionPlan([trial], "woman", 0.5, simulated=True, trial_steps=200)
+    plan = SessionPlan([trial], "woman", 0.5, is_simulated=True, trial_steps=200)
     with ExitStack() as opened:
         journey = Journey(
             tmp_path, plan, load_policies(plan), opened, script=WATCH_SCENES, width=640, height=360

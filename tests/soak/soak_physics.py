@@ -13,7 +13,7 @@ from avrgym.models.human import (
     UPPER_LIMITS_RAD,
     Person,
 )
-from avrgym.people.distributions import BASE_DISTRIBUTIONS
+from avrgym.people.distributions import POPULATION_DISTRIBUTIONS
 from avrgym.people.population_names import IMPAIRMENTS
 from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.tasks.constants import EPISODE_STEPS
@@ -45,12 +45,12 @@ def test_100_000_initial_states_have_no_overlap_and_no_contact(environment: str,
     file = tmp_path / "fitted.toml"
     file.write_text(FITTED)
     looked, drawn_again = 0, 0
-    for people, impairment in product([*BASE_DISTRIBUTIONS, str(file)], IMPAIRMENTS):
+    for people, impairment in product([*POPULATION_DISTRIBUTIONS, str(file)], IMPAIRMENTS):
         episodes = Episodes(environment, STARTS_PER_POPULATION, people=people, impairment=impairment)
         generators = [np.random.default_rng([seed, looked]) for seed in range(STARTS_PER_POPULATION)]
         episodes.reset(np.arange(STARTS_PER_POPULATION), generators)
         looked += STARTS_PER_POPULATION
-        drawn_again += int((episodes.start_samples > 1).sum())
+        drawn_again += int((episodes.num_initial_state_samples > 1).sum())
         assert deepest_overlap_m(episodes) == 0.0, (people, impairment)
         assert first_step_forces(episodes).max() <= 10.0, (people, impairment)
     print(
@@ -98,7 +98,7 @@ def test_contact_forces_stay_below_the_limit_of_compliance(environment: str) -> 
         (people, impairment, how): float(
             peak_forces(environment, CONTACT_WORLDS, people, impairment, how, steps=CONTACT_STEPS).max()
         )
-        for people, impairment, how in product(BASE_DISTRIBUTIONS, IMPAIRMENTS, MOTIONS)
+        for people, impairment, how in product(POPULATION_DISTRIBUTIONS, IMPAIRMENTS, MOTIONS)
     }
     largest = max(peaks, key=lambda kind: peaks[kind])
     by_how = {how: round(max(peaks[kind] for kind in peaks if kind[2] == how)) for how in MOTIONS}

@@ -19,7 +19,7 @@ from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation import emulated_headset
 from avrgym.vr.emulation.emulated_headset import BrowserClient
-from avrgym.vr.protocol.messages import TICK_S, Command
+from avrgym.vr.protocol.messages import TICK_S, ExperimenterCommand
 from avrgym.vr.server import real_time_loop
 from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, TrialPlan, load_policies
 from avrgym.vr.session.session import Session
@@ -33,7 +33,7 @@ IMAGE_AFTER_S = {
     "trial": 4.0, "paused": 0.5, "retreat": 1.5, "free_after": 0.5, "questionnaire": 0.5, "confirm": 0.5,
 }  # fmt: skip
 """Time of the image after the start of each phase."""
-LOOKING_DOWN_RAD = human.seated_joint_angles(head_x=45.0) - human.seated_joint_angles(head_x=0.0)
+LOOKING_DOWN_RAD = human.make_seated_joint_angles(head_x=45.0) - human.make_seated_joint_angles(head_x=0.0)
 
 
 class SteppedClock:
@@ -99,7 +99,7 @@ class Photographer(BrowserClient):
             self._headset.press_menu("left")
             self._stops = False
         elif self._phase[0] == "headset_check":
-            self._loop.post(Command(name="skip"))
+            self._loop.post(ExperimenterCommand(name="skip"))
         else:
             super()._act(question, self._time.now_s())
 
@@ -110,10 +110,10 @@ class Photographer(BrowserClient):
     def _frame(self) -> Any:
         name, now_s = self._phase[0], self._time.now_s()
         if name != "check":
-            return self._participant.tracking_frame(
+            return self._participant.make_tracking_frame(
                 now_s, moving=name != "calibration", watching=name == "trial"
             )
-        return self._participant.tracking_frame_from_angles(
+        return self._participant.make_tracking_frame_from_angles(
             self._participant._rest_rad + LOOKING_DOWN_RAD, now_s
         )
 
@@ -128,13 +128,13 @@ class Photographer(BrowserClient):
 def test_every_phase_is_pictured(environment: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     time = SteppedClock()
     monkeypatch.setattr(real_time_loop, "_clock_s", time.now_s)
-    monkeypatch.setattr(emulated_headset, "MAX_PHASE_S", float("inf"))
+    monkeypatch.setattr(emulated_headset, "MAX_PHASE_DURATION_S", float("inf"))
     plan = SessionPlan(
         [TrialPlan(environment, "revised", seed=3, practice=False)],
         "woman",
         free_movement_s=3.0,
-        simulated=True,
-        items=LIKERT_ITEMS[:1],
+        is_simulated=True,
+        questionnaire_items=LIKERT_ITEMS[:1],
         trial_steps=60,
         headset_check=HeadsetCheckPlan(2.0, 2.0, 2.0),
     )
@@ -147,7 +147,7 @@ def test_every_phase_is_pictured(environment: str, tmp_path: Path, monkeypatch: 
         time.pause(journey.session)
         taken = Photographer(journey, time).run()
         draw_triangles(journey.headset)
-        taken.append(journey.headset.screenshot(tmp_path / "trial-99-finished.png"))
+        taken.append(journey.headset.save_screenshot(tmp_path / "trial-99-finished.png"))
     assert {path.stem.split("-")[2] for path in taken} == {*IMAGE_AFTER_S, "finished"}
     contact_sheet(taken, environment)
 

@@ -26,17 +26,17 @@ from avrgym.recording.reader import read_recording
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
-    Entered,
     Hello,
     Message,
-    Phase,
+    ParticipantReady,
+    PhaseDescription,
     Problem,
-    Ready,
     Scene,
     SceneLoaded,
-    StateChange,
-    Timing,
+    TickTiming,
+    VrEntered,
     Welcome,
+    WorldStateChange,
 )
 from avrgym.vr.protocol.state_encoding import StateDecoder
 from avrgym.vr.server.certificate import load_or_create_certificate
@@ -102,14 +102,14 @@ class Attendant:
         self._socket = connect_client(server, "/ws", server.tokens.participant, opened)
         self._sending = threading.Lock()
         self._threads = [threading.Thread(target=run, daemon=True) for run in (self._listen, self._move)]
-        self.send(Entered())
+        self.send(VrEntered())
         for thread in self._threads:
             thread.start()
 
     def send(self, message: Message | bytes) -> None:
         """Send a message or raw bytes."""
         with self._sending:
-            self._socket.send(message if isinstance(message, bytes) else messages.encode(message))
+            self._socket.send(message if isinstance(message, bytes) else messages.encode_message(message))
 
     def _listen(self) -> None:
         try:
@@ -123,9 +123,9 @@ class Attendant:
         if isinstance(message, Scene):
             self._states.reset()
             self.send(SceneLoaded(url=message.url))
-        elif isinstance(message, Phase):
+        elif isinstance(message, PhaseDescription):
             self.phase = message.name
-        elif isinstance(message, StateChange):
+        elif isinstance(message, WorldStateChange):
             poses = np.frombuffer(self._states.decode(message).poses, "<f4")
             self.finite &= bool((np.abs(poses) < FAR_M).all())
         elif isinstance(message, messages.Question):
@@ -137,11 +137,13 @@ class Attendant:
             now_s = time.monotonic() - began
             try:
                 self.send(
-                    self.person.tracking_frame(now_s, moving=self.phase not in ("", "waiting", "calibration"))
+                    self.person.make_tracking_frame(
+                        now_s, moving=self.phase not in ("", "waiting", "calibration")
+                    )
                 )
                 if self.phase in ("calibration", "check", "paused") and now_s > pressed + 1.5:
                     pressed = now_s
-                    self.send(Ready())
+                    self.send(ParticipantReady())
             except ConnectionClosed:
                 return
             time.sleep(0.02)
@@ -151,10 +153,10 @@ def connect_client(server: LiveServer[Session], path: str, token: str, opened: E
     """Open a socket and complete the hello and welcome messages."""
     url = f"ws://127.0.0.1:{server.port}{path}"
     socket_ = opened.enter_context(connect(url, max_size=None, max_queue=None))
-    socket_.send(messages.encode(Hello(messages.PROTOCOL_VERSION, token, "soak", emulated=True)))
+    socket_.send(messages.encode_message(Hello(messages.PROTOCOL_VERSION, token, "soak", emulated=True)))
     data = socket_.recv(TIMEOUT_S)
     assert isinstance(data, bytes)
-    assert isinstance(messages.decode_server(data), Welcome)
+    assert isinstance(messages.decode_server_message(data), Welcome)
     return socket_
 
 
@@ -174,9 +176,9 @@ class Watcher:
             for data in self._connection:
                 message = decode_message(self._connection, data)
                 self.inbox[type(message)] += 1
-                if isinstance(message, StateChange):
+                if isinstance(message, WorldStateChange):
                     self.states_s.append(time.monotonic())
-                elif isinstance(message, Timing):
+                elif isinstance(message, TickTiming):
                     self.missed.append(message.missed_ticks)
         except ConnectionClosed:
             self.closed = True
@@ -295,7 +297,7 @@ def fuzzed(seed: int) -> Iterator[bytes]:
         True,
     ]
     while True:
-        frame = msgspec.to_builtins(person.tracking_frame(rng.uniform(0.0, 100.0), moving=True))
+        frame = msgspec.to_builtins(person.make_tracking_frame(rng.uniform(0.0, 100.0), moving=True))
         kinds: list[dict] = [
             frame, {"type": "answer", "item": "L1", "value": 4, "response_time_s": 1.0}, {"type": "stop"},
             {"type": "choose_body", "sex": "man", "skin_tone": "light"}, {"type": "command", "name": "end"},
@@ -339,10 +341,12 @@ def send_all(
             with connect(f"ws://127.0.0.1:{server.port}{path}", max_size=None, max_queue=None) as stranger:
                 threading.Thread(target=drain, args=(stranger,), daemon=True).start()
                 if token:
-                    stranger.send(messages.encode(Hello(messages.PROTOCOL_VERSION, token, "", emulated=True)))
+                    stranger.send(
+                        messages.encode_message(Hello(messages.PROTOCOL_VERSION, token, "", emulated=True))
+                    )
                 while count > 0:
                     data = next(source)
-                    if not is_valid(data, messages.decode_experimenter):
+                    if not is_valid(data, messages.decode_watcher_message):
                         stranger.send(data)
                         sent[path] += 1
                         count -= 1
@@ -403,7 +407,7 @@ def send_by(attendant: Attendant, count: int, sent: Counter[str]) -> None:
     source = fuzzed(99)
     while count > 0:
         data = next(source)
-        if not is_valid(data, messages.decode_client):
+        if not is_valid(data, messages.decode_participant_message):
             attendant.send(data)
             sent["own"] += 1
             count -= 1

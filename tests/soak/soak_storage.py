@@ -13,13 +13,13 @@ import pytest
 import sqlalchemy as sa
 from sqlalchemy.exc import SQLAlchemyError
 
-from avrgym.study.checking.checks import check_study
-from avrgym.study.merge.merging import merge_studies
-from avrgym.study.people.deletion import delete_participant
-from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion
+from avrgym.study.checking.study_checks import check_study
+from avrgym.study.merge.study_merge import merge_studies
+from avrgym.study.people.participant_deletion import delete_participant
+from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion_answers
 from avrgym.study.storage import database, hash_chain
 from avrgym.study.storage.sessions import open_session
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.flipped_bits import flip_bit, is_detected
 from helpers.studies.sites import check_errors, files_in, kill_merge, make_site, study_contents
 from helpers.studies.small_studies import (
@@ -51,7 +51,7 @@ def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str
 def on_sqlite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A study with a completed participant."""
     monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
-    with Store(small_study(tmp_path / "study")) as store:
+    with StudyStore(small_study(tmp_path / "study")) as store:
         run_participant(store, enrol_with_consent(store))
     return tmp_path / "study"
 
@@ -62,28 +62,28 @@ def on_sqlite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 def run_study(folder: Path, url: str, acknowledged: Connection) -> None:
     """Enrol participants with names and run their trials until killed. Reports each acknowledged fact."""
     os.environ[database.DATABASE_URL_VARIABLE] = url
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         for number in count():
             pseudonym = enrol_participant(
                 store, "woman", name=f"{SURNAME} {os.getpid()} {number}", contact="a@example.org"
             )
             acknowledged.send((pseudonym, 0))
             record_consent(store, pseudonym)
-            assert record_inclusion(store, pseudonym, eligible_answers(store))
+            assert record_inclusion_answers(store, pseudonym, eligible_answers(store))
             session = open_session(store, pseudonym)
-            for trial in store.remaining_trials(pseudonym)[:2]:
+            for trial in store.read_remaining_trials(pseudonym)[:2]:
                 run_trial(store, session, trial, simulated=False)
                 acknowledged.send((pseudonym, trial.position))
 
 
 def stored_facts(folder: Path) -> set[Fact]:
     """Return the facts that a study contains."""
-    with Store(folder) as store:
-        people = [person.pseudonym for person in store.participants()]
+    with StudyStore(folder) as store:
+        people = [person.pseudonym for person in store.read_participants()]
         completed = {
             (person, trial.position)
             for person in people
-            for trial in store.trials(person)
+            for trial in store.read_trials(person)
             if trial.state == "completed"
         }
     return completed | {(person, 0) for person in people}
@@ -127,10 +127,10 @@ def test_kills_lose_no_facts_cause_no_findings_and_leave_no_names(kind: str, tmp
 
 def end_study(folder: Path) -> None:
     """Check a study, delete all participants and search for their names."""
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         assert [f"{each.where}: {each.message}" for each in check_study(store) if each.is_error] == []
-        for person in store.participants():
-            for session in store.sessions(person.pseudonym):
+        for person in store.read_participants():
+            for session in store.read_sessions(person.pseudonym):
                 assert session.state in ("open", "interrupted", "closed")
             delete_participant(store, person.pseudonym)
         assert [f"{each.where}: {each.message}" for each in check_study(store) if each.is_error] == []
@@ -200,7 +200,7 @@ def test_each_bit_flipped_in_recordings_is_detected(on_sqlite: Path, tmp_path: P
 
 def rows(folder: Path) -> dict[str, list]:
     """Return the rows of every table."""
-    with Store(folder) as store, store.database.read_transaction() as connection:
+    with StudyStore(folder) as store, store.database.read_transaction() as connection:
         return {
             name: [tuple(row) for row in connection.execute(sa.select(table))]
             for name, table in hash_chain.CHAINED_TABLES.items()
@@ -210,14 +210,14 @@ def rows(folder: Path) -> dict[str, list]:
 def test_each_bit_flipped_in_a_value_is_detected(kind: str, tmp_path: Path) -> None:
     """Flips a bit in any column of any row by SQL."""
     rng, found = random.Random(17), 0
-    with Store(small_study(tmp_path / "study")) as store:
+    with StudyStore(small_study(tmp_path / "study")) as store:
         run_participant(store, enrol_with_consent(store))
-        assert store.database.find_faults() == []
+        assert store.database.find_integrity_errors() == []
         while found < FLIPS:
             with store.database._engine.connect() as connection, connection.begin() as transaction:
                 if not flip_value(connection, rng):
                     continue
-                faults = list(hash_chain.find_faults(connection))
+                faults = list(hash_chain.find_hash_chain_errors(connection))
                 transaction.rollback()
             assert faults
             found += 1
@@ -232,7 +232,7 @@ def flip_value(connection: sa.Connection, rng: random.Random) -> bool:
         return False
     row = rng.choice(found)._mapping
     column = rng.choice([each for each in table.columns if row[each.name] is not None])
-    own = hash_chain.primary_key(table) == row[hash_chain.primary_key(table).name]
+    own = hash_chain.find_primary_key_column(table) == row[hash_chain.find_primary_key_column(table).name]
     with suppress(SQLAlchemyError, UnicodeError), connection.begin_nested():
         value = _flipped(row[column.name], rng)
         return connection.execute(sa.update(table).where(own).values({column.name: value})).rowcount == 1

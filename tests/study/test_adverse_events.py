@@ -11,24 +11,24 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.analysis.adverse_events import describe_adverse_events
-from avrgym.analysis.study import analyse_study
+from avrgym.analysis.study_analysis import analyse_study
 from avrgym.cli import app
 from avrgym.study.export import EXPORT_FORMATS, FORMATS_WITH_EVENTS, export_study
 from avrgym.study.export.codebook import COLUMNS_BY_TABLE
-from avrgym.study.export.records import ExportOptions
+from avrgym.study.export.event_tables import ExportOptions
 from avrgym.study.people.adverse_events import (
-    RATING_SCALES,
+    ADVERSE_EVENT_RATING_SCALES,
     AdverseEventDetails,
     group_reports_by_event,
+    list_safety_events,
     record_adverse_event,
-    safety_events,
 )
-from avrgym.study.people.deletion import delete_participant
-from avrgym.study.people.participants import add_note, withdraw
+from avrgym.study.people.participant_deletion import delete_participant
+from avrgym.study.people.participants import add_note, withdraw_participant
 from avrgym.study.storage.attempts import begin_attempt, end_incomplete_attempt
 from avrgym.study.storage.sessions import open_session, record_session_event
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.known_results import write_without_figures
 from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
 
@@ -46,9 +46,9 @@ DIZZY = AdverseEventDetails(
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
+def store(tmp_path: Path) -> Iterator[StudyStore]:
     """Two people and a simulated participant; the first person has three completed trials."""
-    with Store(small_study(tmp_path / "study")) as opened:
+    with StudyStore(small_study(tmp_path / "study")) as opened:
         run_participant(opened, enrol_with_consent(opened, simulated=False), trials=3, simulated=False)
         enrol_with_consent(opened, simulated=False)
         enrol_with_consent(opened)
@@ -64,36 +64,38 @@ def read(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file, delimiter="\t" if path.suffix == ".tsv" else ","))
 
 
-def test_follow_ups_keep_earlier_reports(store: Store) -> None:
+def test_follow_ups_keep_earlier_reports(store: StudyStore) -> None:
     number = record_adverse_event(store, "sub-001", DIZZY, recorded_by="kim")
-    before = store.adverse_event_reports("sub-001")
+    before = store.read_adverse_event_reports("sub-001")
     record_adverse_event(store, "sub-001", changed(outcome="recovered"), follows=number)
     second = record_adverse_event(store, "sub-001", changed(trial=None))
     record_adverse_event(
         store, "sub-001", changed(outcome="recovered", severity="severe"), follows=number + 1
     )
-    assert store.adverse_event_reports("sub-001")[:1] == before
+    assert store.read_adverse_event_reports("sub-001")[:1] == before
     assert before[0].began_at == "2026-11-27T13:30:00+00:00"
     assert before[0].recorded_by == "kim"
-    dizzy, other = group_reports_by_event(store.adverse_event_reports("sub-001"))
+    dizzy, other = group_reports_by_event(store.read_adverse_event_reports("sub-001"))
     assert [report.outcome for report in dizzy.reports] == ["recovering", "recovered", "recovered"]
     assert (dizzy.event_number, dizzy.latest_report.severity) == (number, "severe")
     assert (other.event_number, other.latest_report.trial) == (second, None)
-    assert store.database.find_faults() == []
-    names = [event.name for event in store.events() if "adverse" in event.name]
+    assert store.database.find_integrity_errors() == []
+    names = [event.name for event in store.read_events() if "adverse" in event.name]
     assert names == [
         f"adverse event {what}" for what in ("recorded", "followed up", "recorded", "followed up")
     ]
 
 
 @pytest.mark.fast_cases(2)
-@pytest.mark.parametrize("scale", RATING_SCALES)
-def test_grades_outside_the_scales_are_rejected(store: Store, scale: str) -> None:
-    for grade in RATING_SCALES[scale]:
+@pytest.mark.parametrize("scale", ADVERSE_EVENT_RATING_SCALES)
+def test_grades_outside_the_scales_are_rejected(store: StudyStore, scale: str) -> None:
+    for grade in ADVERSE_EVENT_RATING_SCALES[scale]:
         record_adverse_event(store, "sub-001", changed(**{scale: grade}))
-    with pytest.raises(StudyError, match=f"unknown {scale} 'awful'; allowed: {RATING_SCALES[scale][0]}"):
+    with pytest.raises(
+        StudyError, match=f"unknown {scale} 'awful'; allowed: {ADVERSE_EVENT_RATING_SCALES[scale][0]}"
+    ):
         record_adverse_event(store, "sub-001", changed(**{scale: "awful"}))
-    assert len(store.adverse_event_reports("sub-001")) == len(RATING_SCALES[scale])
+    assert len(store.read_adverse_event_reports("sub-001")) == len(ADVERSE_EVENT_RATING_SCALES[scale])
 
 
 @pytest.mark.fast_cases(2)
@@ -117,60 +119,60 @@ def test_grades_outside_the_scales_are_rejected(store: Store, scale: str) -> Non
     ],
 )
 def test_invalid_reports_are_rejected(
-    store: Store, pseudonym: str, changes: dict[str, Any], follows: int | None, words: str
+    store: StudyStore, pseudonym: str, changes: dict[str, Any], follows: int | None, words: str
 ) -> None:
     record_adverse_event(store, "sub-001", DIZZY)
-    before = store.adverse_event_reports("sub-001")
+    before = store.read_adverse_event_reports("sub-001")
     with pytest.raises(StudyError, match=words):
         record_adverse_event(store, pseudonym, changed(**changes), follows=follows)
-    assert store.adverse_event_reports("sub-001") == before
+    assert store.read_adverse_event_reports("sub-001") == before
 
 
-def test_deletion_removes_reports_and_withdrawal_keeps_them(store: Store) -> None:
+def test_deletion_removes_reports_and_withdrawal_keeps_them(store: StudyStore) -> None:
     number = record_adverse_event(store, "sub-001", DIZZY)
     record_adverse_event(store, "sub-001", changed(outcome="recovered"), follows=number)
-    withdraw(store, "sub-001", "dizzy")
-    assert len(store.adverse_event_reports("sub-001")) == 2
+    withdraw_participant(store, "sub-001", "dizzy")
+    assert len(store.read_adverse_event_reports("sub-001")) == 2
     record_adverse_event(store, "sub-002", DIZZY)
     delete_participant(store, "sub-001")
-    assert store.adverse_event_reports("sub-001") == []
-    assert len(store.adverse_event_reports("sub-002")) == 1
-    assert store.database.find_faults() == []
+    assert store.read_adverse_event_reports("sub-001") == []
+    assert len(store.read_adverse_event_reports("sub-002")) == 1
+    assert store.database.find_integrity_errors() == []
     held = [path for path in store.folder.rglob("*") if path.is_file()]
     assert sum(path.read_bytes().count(SECRET.encode()) for path in held) == 1
 
 
-def test_safety_events_are_separate_from_adverse_events(store: Store) -> None:
+def test_safety_events_are_separate_from_adverse_events(store: StudyStore) -> None:
     session = open_session(store, "sub-002")
     attempt = begin_attempt(store, session.id, 1)
     record_session_event(store, session.id, "stopped", "by participant", attempt.id)
     record_session_event(store, session.id, "continued", "", attempt.id)
     end_incomplete_attempt(store, attempt.id, "stopped")
-    (stop,) = safety_events(store, "sub-002")
+    (stop,) = list_safety_events(store, "sub-002")
     assert (stop.trial, stop.name, stop.detail) == (1, "stopped", "by participant")
-    assert list(safety_events(store, "sub-001")) == []
-    assert store.adverse_event_reports("sub-002") == []
+    assert list(list_safety_events(store, "sub-001")) == []
+    assert store.read_adverse_event_reports("sub-002") == []
 
 
 # Exports
 
 
 @pytest.fixture
-def told(store: Store) -> Store:
+def told(store: StudyStore) -> StudyStore:
     """A study with a name in each kind of free text."""
     number = record_adverse_event(store, "sub-001", DIZZY, recorded_by=SECRET)
     record_adverse_event(store, "sub-001", changed(action=f"{SECRET} rested"), follows=number)
     add_note(store, "sub-001", f"{SECRET} laughed")
-    record_session_event(store, store.sessions("sub-001")[0].id, "connection lost")
-    withdraw(store, "sub-001", f"{SECRET} was tired")
+    record_session_event(store, store.read_sessions("sub-001")[0].id, "connection lost")
+    withdraw_participant(store, "sub-001", f"{SECRET} was tired")
     return store
 
 
 @pytest.mark.parametrize("data_format", FORMATS_WITH_EVENTS)
-def test_free_text_is_exported_only_on_request(told: Store, tmp_path: Path, data_format: str) -> None:
+def test_free_text_is_exported_only_on_request(told: StudyStore, tmp_path: Path, data_format: str) -> None:
     folder, suffix = ("", ".csv") if data_format == "csv" else ("sourcedata", ".tsv")
     export_study(told, data_format, tmp_path / "without")
-    export_study(told, data_format, tmp_path / "with", extras=ExportOptions(free_text=True))
+    export_study(told, data_format, tmp_path / "with", extras=ExportOptions(include_free_text=True))
     files = [path.read_bytes() for path in (tmp_path / "without").rglob("*") if path.is_file()]
     assert not any(SECRET.encode() in data for data in files)
     without, with_all = tmp_path / "without" / folder, tmp_path / "with" / folder
@@ -188,9 +190,11 @@ def test_free_text_is_exported_only_on_request(told: Store, tmp_path: Path, data
 
 
 @pytest.mark.parametrize("data_format", sorted(set(EXPORT_FORMATS) - set(FORMATS_WITH_EVENTS)))
-def test_formats_without_free_text_reject_the_option(store: Store, tmp_path: Path, data_format: str) -> None:
+def test_formats_without_free_text_reject_the_option(
+    store: StudyStore, tmp_path: Path, data_format: str
+) -> None:
     with pytest.raises(StudyError, match="cannot contain free text and health data; allowed: csv, bids"):
-        export_study(store, data_format, tmp_path / "out", extras=ExportOptions(free_text=True))
+        export_study(store, data_format, tmp_path / "out", extras=ExportOptions(include_free_text=True))
 
 
 # Commands
@@ -202,7 +206,7 @@ def run(*words: object, code: int = 0) -> str:
     return result.output
 
 
-def test_command_records_follows_up_and_lists_events(store: Store, tmp_path: Path) -> None:
+def test_command_records_follows_up_and_lists_events(store: StudyStore, tmp_path: Path) -> None:
     folder = store.folder
     assert "No adverse events were recorded." in run("adverse-events", folder)
     graded = ("--severity", "mild", "--seriousness", "not serious", "--relatedness", "possible")
@@ -213,7 +217,7 @@ def test_command_records_follows_up_and_lists_events(store: Store, tmp_path: Pat
     assert "has no adverse event 7" in run(
         "record-adverse-event", folder, "sub-001", "--follow-up", 7, code=1
     )
-    first, second = store.adverse_event_reports("sub-001")
+    first, second = store.read_adverse_event_reports("sub-001")
     assert (second.description, second.trial, second.began_at) == ("neck pain", first.trial, first.began_at)
     assert (first.recorded_by, second.recorded_by) == ("kim", "alex")
     shown = run("adverse-events", folder, "--json", tmp_path / "a.json", "--out", tmp_path / "board")
@@ -233,7 +237,7 @@ def test_command_records_follows_up_and_lists_events(store: Store, tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_report_counts_events_by_condition(store: Store, tmp_path: Path) -> None:
+def test_report_counts_events_by_condition(store: StudyStore, tmp_path: Path) -> None:
     write_without_figures(analyse_study(store), store.folder, tmp_path / "none")
     page = (tmp_path / "none" / "report" / "index.html").read_text()
     assert "No adverse events were recorded." in page
@@ -242,7 +246,7 @@ def test_report_counts_events_by_condition(store: Store, tmp_path: Path) -> None
     record_adverse_event(store, "sub-001", changed(severity="moderate"), follows=number)
     record_adverse_event(store, "sub-001", changed(trial=1, relatedness="unlikely"))
     record_adverse_event(store, "sub-002", changed(trial=None))
-    withdraw(store, "sub-001")
+    withdraw_participant(store, "sub-001")
     analysis = analyse_study(store)
     assert describe_adverse_events(analysis) == (
         "3 adverse events in 2 of 2 people; 0 serious, 2 possibly, probably or definitely related to the study."
@@ -252,7 +256,7 @@ def test_report_counts_events_by_condition(store: Store, tmp_path: Path) -> None
     assert describe_adverse_events(analysis) in (tmp_path / "some" / "reporting" / "methods.md").read_text()
     assert SECRET not in page
     rows = {row[0]: row[1:] for row in rows_under(page, "Adverse events by condition")}
-    trial = store.trials("sub-001")[1]
+    trial = store.read_trials("sub-001")[1]
     robot = "PR2" if "PR2" in trial.environment else "Jaco"
     assert rows[f"{robot} {trial.policy}"] == ["1", "1", "1", "0", "1", "0", "0", "0", "0", "1"]
     assert rows["practice"] == ["1", "1", "1", "1", "0", "0", "0", "0", "0", "0"]

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect, sync_playwright
 
-from avrgym.study.dashboard.application import dashboard_app
-from avrgym.study.sessions.serving import StudySessions
+from avrgym.study.dashboard.application import make_dashboard_app
+from avrgym.study.sessions.study_sessions import StudySessions
 from avrgym.study.storage import database
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.live_server import LiveServer
 from helpers.browser.journey import TIMEOUT_S
@@ -34,12 +34,12 @@ WHY = "'Nausea' was answered 'moderate'; the limit of its stop rule is 3"
 
 
 @pytest.fixture
-def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
+def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StudyStore]:
     monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', robots='["Jaco"]', practice_policy='""')
     with open(folder / "study.toml", "a") as file:
         file.write(ASKED)
-    with Store(folder) as opened:
+    with StudyStore(folder) as opened:
         yield opened
 
 
@@ -54,7 +54,7 @@ def answers(page: Page) -> list[str]:
 
 @pytest.mark.slow
 def test_keyboard_answers_and_reason_of_a_pause(
-    store: Store,
+    store: StudyStore,
 ) -> None:
     expect.set_options(timeout=1000 * TIMEOUT_S)
     pseudonym = enrol_with_consent(store)
@@ -63,15 +63,15 @@ def test_keyboard_answers_and_reason_of_a_pause(
             lambda send: StudySessions(store, send, first=pseudonym),
             "127.0.0.1",
             0,
-            study=lambda tokens, sessions: dashboard_app(store, tokens, sessions),
+            study=lambda tokens, sessions: make_dashboard_app(store, tokens, sessions),
         ) as server,
         sync_playwright() as playwright,
     ):
         browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
         dashboard, page = (browser.new_page(viewport={"width": 360, "height": 640}) for _ in range(2))
-        dashboard.goto(server.page_urls("dashboard?detail=light", server.tokens.experimenter)[0])
+        dashboard.goto(server.list_page_urls("dashboard?detail=light", server.tokens.experimenter)[0])
         expect(dashboard.locator("#server")).to_contain_text("Connected")
-        page.goto(server.page_urls("?detail=light")[0])
+        page.goto(server.list_page_urls("?detail=light")[0])
         expect(page.locator("#statement")).to_have_text("Nausea")
         assert answers(page) == ["none", "slight", "moderate", "severe"]
         expect(page.locator("#anchors")).to_be_hidden()
@@ -94,5 +94,5 @@ def test_keyboard_answers_and_reason_of_a_pause(
         )
         assert "stop rule" not in page.locator("body").inner_text()
         browser.close()
-    given = [(answer.item, answer.value) for answer in store.answers(pseudonym)]
+    given = [(answer.item, answer.value) for answer in store.read_answers(pseudonym)]
     assert given == [("nausea", 3), ("load", 2), ("calm", 1)]

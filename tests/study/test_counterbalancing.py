@@ -10,19 +10,19 @@ import pytest
 
 from avrgym.study.design.allocation import (
     PlannedTrial,
-    least_used_order_index,
-    order_indices_for_site,
+    choose_practice_robots,
+    find_least_used_order_index,
+    list_order_indices_for_site,
+    make_trial_orders,
     plan_trials,
-    practice_robots,
-    trial_orders,
 )
-from avrgym.study.design.counterbalancing import TaskBlock, balanced_orders, williams_square
-from avrgym.study.design.design import Design, default_design_text, parse_design
+from avrgym.study.design.counterbalancing import TaskBlock, make_balanced_orders, make_williams_square
+from avrgym.study.design.design import Design, parse_design, read_default_design_text
 from avrgym.tasks.constants import PAPER_ENVIRONMENTS
 from avrgym.tasks.registry import ENVIRONMENTS
 
 SIZES = range(2, 9)
-PAPER = parse_design(default_design_text())
+PAPER = parse_design(read_default_design_text())
 
 
 def assert_balanced(rows: Sequence[Sequence[int]], size: int) -> None:
@@ -37,20 +37,20 @@ def assert_balanced(rows: Sequence[Sequence[int]], size: int) -> None:
 
 @pytest.mark.parametrize("size", SIZES)
 def test_williams_square_is_balanced(size):
-    square = williams_square(size)
+    square = make_williams_square(size)
     assert square.shape == (size if size % 2 == 0 else 2 * size, size)
     assert_balanced(square.tolist(), size)
 
 
 def test_single_condition_has_one_row():
-    assert williams_square(1).tolist() == [[0]]
+    assert make_williams_square(1).tolist() == [[0]]
 
 
 @pytest.mark.fast_cases(5)
 @pytest.mark.parametrize("tasks", range(1, 9))
 def test_orders_are_balanced(tasks):
     for conditions in SIZES:
-        orders = balanced_orders(tasks, conditions, np.random.default_rng(conditions))
+        orders = make_balanced_orders(tasks, conditions, np.random.default_rng(conditions))
         if tasks > 1:
             assert_balanced([[block.task_index for block in order] for order in orders], tasks)
         for group in (_by_task, _by_place):
@@ -72,7 +72,7 @@ def _by_place(orders: Iterable[Sequence[TaskBlock]]) -> list[Sequence[TaskBlock]
 
 def test_orders_depend_on_the_seed():
     def orders(seed: int) -> tuple:
-        return balanced_orders(4, 4, np.random.default_rng(seed))
+        return make_balanced_orders(4, 4, np.random.default_rng(seed))
 
     assert orders(3) == orders(3)
     assert len({orders(seed) for seed in range(20)}) == 20
@@ -82,7 +82,7 @@ def test_orders_depend_on_the_seed():
 
 
 def trials_of_all(design: Design) -> list[tuple[PlannedTrial, ...]]:
-    cells = len(trial_orders(design))
+    cells = len(make_trial_orders(design))
     return [plan_trials(design, number % cells, number + 1) for number in range(design.participants)]
 
 
@@ -141,7 +141,7 @@ def test_seeds_and_practice_robots_are_deterministic():
 
 def test_practice_robots_are_balanced():
     for seed in range(20):
-        design = parse_design(default_design_text().replace("seed = 0", f"seed = {seed}"))
+        design = parse_design(read_default_design_text().replace("seed = 0", f"seed = {seed}"))
         practices = [[trial for trial in trials if trial.practice] for trials in trials_of_all(design)]
         by_task = Counter((_task(trial), _robot(trial)) for trials in practices for trial in trials)
         assert by_task == {(task, robot): 4 for task in design.tasks for robot in design.robots}
@@ -151,14 +151,14 @@ def test_practice_robots_are_balanced():
 
 def test_practice_robots_are_random():
     """The design does not determine the practice robot of a task."""
-    drawn = [practice_robots(msgspec.structs.replace(PAPER, seed=seed), 3) for seed in range(400)]
+    drawn = [choose_practice_robots(msgspec.structs.replace(PAPER, seed=seed), 3) for seed in range(400)]
     for robots in zip(*drawn, strict=True):
         assert 150 < robots.count("PR2") < 250
 
 
 def test_no_practice_trials_without_a_practice_policy():
     design = parse_design(
-        default_design_text().replace('practice_policy = "revised"', 'practice_policy = ""')
+        read_default_design_text().replace('practice_policy = "revised"', 'practice_policy = ""')
     )
     trials = plan_trials(design, 0, 1)
     assert len(trials) == 16
@@ -177,7 +177,7 @@ def test_dropout_keeps_completed_cells_balanced(cells, stations):
     active: list[int] = []
     while len(completed) < target:
         if len(active) < stations and len(completed) + len(active) < target:
-            active.append(least_used_order_index(range(cells), completed + active))
+            active.append(find_least_used_order_index(range(cells), completed + active))
             continue
         cell = active.pop(int(rng.integers(len(active))))
         if rng.random() < 0.3:
@@ -200,13 +200,13 @@ def test_dropout_keeps_completed_cells_balanced(cells, stations):
 def test_each_site_and_all_sites_are_balanced(sites):
     """With a shared database, the cells of a site differ by at most one participant at any time."""
     rng = np.random.default_rng(sites)
-    orders = {f"site-{site}": order_indices_for_site(PAPER, f"site-{site}") for site in range(sites)}
+    orders = {f"site-{site}": list_order_indices_for_site(PAPER, f"site-{site}") for site in range(sites)}
     cells = len(orders["site-0"])
     taken: dict[str, list[int]] = {site: [] for site in orders}
     for _ in range(20 * cells):
         site = str(rng.choice(list(orders)))
         elsewhere = [cell for other in orders if other != site for cell in taken[other]]
-        taken[site].append(least_used_order_index(orders[site], taken[site], elsewhere))
+        taken[site].append(find_least_used_order_index(orders[site], taken[site], elsewhere))
         for own in taken.values():
             counts = [own.count(cell) for cell in range(cells)]
             assert max(counts) - min(counts) <= 1
@@ -218,12 +218,12 @@ def test_each_site_and_all_sites_are_balanced(sites):
 
 @pytest.mark.slow
 def test_sites_begin_with_different_cells():
-    firsts = Counter(order_indices_for_site(PAPER, f"site-{number}")[0] for number in range(400))
+    firsts = Counter(list_order_indices_for_site(PAPER, f"site-{number}")[0] for number in range(400))
     assert all(60 < firsts[cell] < 140 for cell in range(4))
 
 
 def test_orders_without_a_site_are_unchanged():
-    assert order_indices_for_site(PAPER, None) == list(range(4))
+    assert list_order_indices_for_site(PAPER, None) == list(range(4))
     assert plan_trials(PAPER, 1, 3, None) == plan_trials(PAPER, 1, 3, "") == plan_trials(PAPER, 1, 3)
 
 

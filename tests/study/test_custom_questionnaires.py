@@ -10,20 +10,20 @@ import pandas as pd
 import pytest
 import sqlalchemy as sa
 
-from avrgym.analysis.output import write_analysis
-from avrgym.analysis.statistics.tests import holm_correction
-from avrgym.analysis.study import analyse_study
+from avrgym.analysis.output_files import write_analysis
+from avrgym.analysis.statistics.rank_tests import apply_holm_correction
+from avrgym.analysis.study_analysis import analyse_study
 from avrgym.recording.schema import Answer
-from avrgym.study.checking.checks import check_study
+from avrgym.study.checking.study_checks import check_study
 from avrgym.study.design.design import DesignError, parse_design
 from avrgym.study.export import export_study
-from avrgym.study.sessions.visit import StudyVisit
+from avrgym.study.sessions.study_visit import StudyVisit
 from avrgym.study.storage import database, schema
 from avrgym.study.storage.answers import record_session_answer, record_trial_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.known_results import enrol_included, record_trial, write_without_figures
 from helpers.studies.small_studies import make_study
 
@@ -63,32 +63,32 @@ def after(number: int) -> dict[str, int]:
     return {"S_1": 2 + number % 2, "S_2": 1 + number % 3}
 
 
-def answer_trials(store: Store, session: int, pseudonym: str) -> None:
-    participant = store.participant(pseudonym)
-    for trial in store.remaining_trials(pseudonym):
+def answer_trials(store: StudyStore, session: int, pseudonym: str) -> None:
+    participant = store.read_participant(pseudonym)
+    for trial in store.read_remaining_trials(pseudonym):
         attempt = begin_attempt(store, session, trial.position)
-        metrics = record_trial(store.absolute_path(attempt.recording), store.design, participant, trial)
-        for place, item in enumerate(store.design.items_at_moment("after_trial")):
+        metrics = record_trial(store.resolve_path(attempt.recording), store.design, participant, trial)
+        for place, item in enumerate(store.design.list_items_at_moment("after_trial")):
             revised = trial.policy == "revised"
             value = 1 + (participant.number + place + 2 * revised) % item.points
             record_trial_answer(store, attempt.id, Answer(item.id, value, 1.0))
         complete_attempt(store, attempt.id, metrics)
 
 
-def ask(store: Store, session: int, when: str, values: dict[str, int]) -> None:
+def ask(store: StudyStore, session: int, when: str, values: dict[str, int]) -> None:
     for item, value in values.items():
         record_session_answer(store, session, Answer(item, value, 1.0), when)
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
+def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StudyStore]:
     """A study with answers to three questionnaires."""
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
-        with Store(with_questionnaires(tmp_path_factory.mktemp("study"))) as store:
+        with StudyStore(with_questionnaires(tmp_path_factory.mktemp("study"))) as store:
             for _ in range(PEOPLE):
                 pseudonym = enrol_included(store, simulated=False)
-                number = store.participant(pseudonym).number
+                number = store.read_participant(pseudonym).number
                 session = open_session(store, pseudonym)
                 ask(store, session.id, "before_session", before(number))
                 answer_trials(store, session.id, pseudonym)
@@ -98,7 +98,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
 
 
 @pytest.fixture(scope="module")
-def out(study: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(study: StudyStore, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("out")
     write_analysis(analyse_study(study), study.folder, folder)
     return folder
@@ -117,9 +117,16 @@ def words(path: Path) -> str:
 
 def test_questionnaire_has_one_or_several_moments(tmp_path: Path) -> None:
     design = parse_design((with_questionnaires(tmp_path) / "study.toml").read_text())
-    assert [item.id for item in design.items_at_moment("before_session")] == ["S_1", "S_2"]
-    assert design.items_at_moment("before_session") == design.items_at_moment("after_session")
-    assert [item.id for item in design.items_at_moment("after_trial")] == ["L1", "L2", "L3", "L4", "T1", "T2"]
+    assert [item.id for item in design.list_items_at_moment("before_session")] == ["S_1", "S_2"]
+    assert design.list_items_at_moment("before_session") == design.list_items_at_moment("after_session")
+    assert [item.id for item in design.list_items_at_moment("after_trial")] == [
+        "L1",
+        "L2",
+        "L3",
+        "L4",
+        "T1",
+        "T2",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -141,24 +148,24 @@ def test_unknown_moments_are_rejected(tmp_path: Path, when: str, words: str) -> 
 
 
 @pytest.fixture
-def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
+def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StudyStore]:
     monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
-    with Store(with_questionnaires(tmp_path / "study")) as opened:
+    with StudyStore(with_questionnaires(tmp_path / "study")) as opened:
         yield opened
 
 
-def crash(store: Store) -> None:
+def crash(store: StudyStore) -> None:
     """Simulate the death of the process of the open session."""
     with store.database.write_transaction() as connection:
         connection.execute(sa.update(schema.SESSION_TABLE).values(process_id=2**22 + 1))
 
 
-def remaining(store: Store, pseudonym: str, when: str) -> list[str]:
+def remaining(store: StudyStore, pseudonym: str, when: str) -> list[str]:
     with StudyVisit(store, pseudonym) as visit:
-        return [item.id for item in visit.unanswered_items(when)]
+        return [item.id for item in visit.find_unanswered_items(when)]
 
 
-def test_item_is_answered_once_before_and_once_after(store: Store) -> None:
+def test_item_is_answered_once_before_and_once_after(store: StudyStore) -> None:
     session = open_session(store, enrol_included(store)).id
     ask(store, session, "before_session", {"S_1": 1})
     with pytest.raises(StudyError, match="is answered already"):
@@ -168,12 +175,12 @@ def test_item_is_answered_once_before_and_once_after(store: Store) -> None:
         ask(store, session, "after_session", {"S_1": 3})
 
 
-def test_answers_before_a_crash_are_not_requested_again(store: Store) -> None:
+def test_answers_before_a_crash_are_not_requested_again(store: StudyStore) -> None:
     pseudonym = enrol_included(store)
     for item, rest in (("S_1", ["S_2"]), ("S_2", [])):
         visit = StudyVisit(store, pseudonym)
         visit.record_answer(Answer(item, 2, 1.0), "before_session")
-        assert [each.id for each in visit.unanswered_items("before_session")] == rest
+        assert [each.id for each in visit.find_unanswered_items("before_session")] == rest
         crash(store)
     assert remaining(store, pseudonym, "before_session") == []
     assert [finding.message for finding in check_study(store) if finding.where.startswith("ses-")] == [
@@ -182,17 +189,17 @@ def test_answers_before_a_crash_are_not_requested_again(store: Store) -> None:
     assert remaining(store, pseudonym, "before_session") == ["S_1", "S_2"]  # another visit
 
 
-def test_last_questions_continue_after_a_crash(store: Store) -> None:
+def test_last_questions_continue_after_a_crash(store: StudyStore) -> None:
     pseudonym = enrol_included(store)
     visit = StudyVisit(store, pseudonym)
-    answer_trials(store, visit.stored.id, pseudonym)
+    answer_trials(store, visit.stored_session.id, pseudonym)
     visit.record_answer(Answer("S_1", 2, 1.0), "after_session")
     crash(store)
     assert remaining(store, pseudonym, "after_session") == ["S_2"]
 
 
 @pytest.mark.slow
-def test_later_of_two_answers_counts(store: Store, tmp_path: Path) -> None:
+def test_later_of_two_answers_counts(store: StudyStore, tmp_path: Path) -> None:
     pseudonym = enrol_included(store)
     for value in (1, 3):
         session = open_session(store, pseudonym)
@@ -226,7 +233,7 @@ def test_each_questionnaire_is_a_family_of_tests(out: Path) -> None:
         own = tests[tests["family"] == family]
         assert list(own["quantity"]) == items
         given = [None if pd.isna(p) else p for p in own["p"]]
-        expected = [None if p is None else pytest.approx(p, abs=1e-15) for p in holm_correction(given)]
+        expected = [None if p is None else pytest.approx(p, abs=1e-15) for p in apply_holm_correction(given)]
         assert [None if pd.isna(p) else p for p in own["p_holm"]] == expected
 
 
@@ -282,7 +289,9 @@ def test_report_shows_texts_of_each_questionnaire(out: Path) -> None:
 
 
 @pytest.mark.parametrize("data_format", ["csv", "bids"])
-def test_exports_separate_answers_before_and_after(study: Store, tmp_path: Path, data_format: str) -> None:
+def test_exports_separate_answers_before_and_after(
+    study: StudyStore, tmp_path: Path, data_format: str
+) -> None:
     export_study(study, data_format, tmp_path / "out")
     if data_format == "csv":
         rows = pd.read_csv(tmp_path / "out" / "answers.csv")

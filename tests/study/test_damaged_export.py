@@ -13,10 +13,10 @@ from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
 from avrgym.study.export import EXPORT_FORMATS, OMITTED_RECORDINGS_FILE, export_study
-from avrgym.study.export.trials import completed_attempts, verify_attempts
+from avrgym.study.export.exported_attempts import list_completed_attempts, verify_attempts
 from avrgym.study.storage import database, schema
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.damaged_recordings import RECORDING, count_undetected
 from helpers.studies.small_studies import STEPS, enrol_with_consent, run_participant, small_study
 
@@ -29,7 +29,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = small_study(tmp_path_factory.mktemp("whole") / "study")
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
-        with Store(folder) as store:
+        with StudyStore(folder) as store:
             for _ in range(2):
                 run_participant(store, enrol_with_consent(store))
     return folder
@@ -156,8 +156,8 @@ def test_export_without_readable_recordings(folder: Path, data_format: str) -> N
 
 def test_recording_of_another_station_is_reported(folder: Path) -> None:
     (folder / RECORDING).unlink()
-    with Store(folder) as store:
-        store.station = "another"
+    with StudyStore(folder) as store:
+        store.station_name = "another"
         with pytest.raises(StudyError, match=f"{RECORDING} is at another station; it was recorded at "):
             export_study(store, "csv", folder.parent / "out")
 
@@ -165,10 +165,10 @@ def test_recording_of_another_station_is_reported(folder: Path) -> None:
 def test_completed_trial_needs_checksum_and_complete_recording(
     folder: Path,
 ) -> None:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         with store.database.write_transaction() as connection:
             connection.execute(sa.update(schema.ATTEMPT_TABLE).values(sha256=None))
-        _, left_out = verify_attempts(list(completed_attempts(store)))
+        _, left_out = verify_attempts(list(list_completed_attempts(store)))
     assert len(left_out) == 2 * TRIALS
 
 

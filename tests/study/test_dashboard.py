@@ -13,11 +13,11 @@ from fastapi.routing import APIRoute
 from playwright.sync_api import Page, expect, sync_playwright
 
 from avrgym.recording.input_profile import InputProfile
-from avrgym.study.checking.summary import summarise_results
-from avrgym.study.dashboard.application import MAX_BODY_BYTES, PARTICIPANT_ACTIONS, dashboard_app
-from avrgym.study.people.participants import withdraw
+from avrgym.study.checking.study_summary import summarise_results
+from avrgym.study.dashboard.application import MAX_REQUEST_BODY_BYTES, PARTICIPANT_ACTIONS, make_dashboard_app
+from avrgym.study.people.participants import withdraw_participant
 from avrgym.study.storage.identity_file import Identity, read_identities
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.authentication import AuthenticatedClient, Tokens
 from avrgym.vr.server.live_server import LiveServer
@@ -70,25 +70,25 @@ CLIENT = httpx.Client(timeout=PATIENCE_S, limits=httpx.Limits(max_keepalive_conn
 
 
 @pytest.fixture(scope="module")
-def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
+def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StudyStore]:
     folder = make_study(
         tmp_path_factory.mktemp("study"),
         title=json.dumps(f"Study {HOSTILE}"),
         tasks='["Feeding"]',
         blind_experimenter="true",
     )
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         yield store
 
 
 @pytest.fixture(scope="module")
-def server(store: Store, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer[Session]]:
+def server(store: StudyStore, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer[Session]]:
     folder = tmp_path_factory.mktemp("recordings")
     with LiveServer(
         lambda send: Session(plan(), constant_policies(plan()), folder, send, "test"),
         "127.0.0.1",
         0,
-        study=lambda tokens, _session: dashboard_app(store, tokens),
+        study=lambda tokens, _session: make_dashboard_app(store, tokens),
     ) as server:
         yield server
 
@@ -109,8 +109,8 @@ def post(server: LiveServer, path: str, body: Any, status: int = 204) -> Any:
 # Who may come in ---------------------------------------------------------------------------------------------
 
 
-def test_all_routes_are_tested(store: Store) -> None:
-    routes = dashboard_app(store, Tokens.new()).routes
+def test_all_routes_are_tested(store: StudyStore) -> None:
+    routes = make_dashboard_app(store, Tokens.generate()).routes
     found = {
         (method, route.path)
         for route in routes
@@ -123,9 +123,11 @@ def test_all_routes_are_tested(store: Store) -> None:
 
 @pytest.mark.fast_cases(10)
 @pytest.mark.parametrize(("method", "path"), ROUTES)
-def test_only_the_experimenter_has_access(server: LiveServer, store: Store, method: str, path: str) -> None:
+def test_only_the_experimenter_has_access(
+    server: LiveServer, store: StudyStore, method: str, path: str
+) -> None:
     """Invalid tokens, origins and hosts are rejected, and nothing is stored."""
-    before = store.events(), store.participants(), store.audit_log()
+    before = store.read_events(), store.read_participants(), store.read_audit_log()
     path = path.format(pseudonym="sub-001")
     body = BODIES.get(path.rpartition("/")[2], {"sex": "man"}) if method == "POST" else None
     own, others = server.tokens.experimenter, (server.tokens.participant, server.tokens.spectator, "x")
@@ -138,7 +140,7 @@ def test_only_the_experimenter_has_access(server: LiveServer, store: Store, meth
         )
     for host in ("evil.test", f"evil.test:{server.port}"):
         assert ask(server, method, path, body, host=host, authorization=f"Bearer {own}").status_code == 400
-    assert (store.events(), store.participants(), store.audit_log()) == before
+    assert (store.read_events(), store.read_participants(), store.read_audit_log()) == before
 
 
 def test_page_loads_only_from_this_server(server: LiveServer) -> None:
@@ -162,18 +164,18 @@ def test_page_loads_only_from_this_server(server: LiveServer) -> None:
         ("/participants", {"sex": "man", "robot": 1}, 422, "robot"),
         ("/participants", {"sex": "man", "age_years": 999}, 409, "0 to 130"),
         ("/participants", {"sex": "man", "name": "n" * 201}, 422, "name"),
-        ("/participants", {"sex": "man", "name": "n" * MAX_BODY_BYTES}, 413, "too long"),
+        ("/participants", {"sex": "man", "name": "n" * MAX_REQUEST_BODY_BYTES}, 413, "too long"),
         ("/participants/sub-999/notes", {"text": "x"}, 409, "no sub-999"),
         ("/participants/..%2f..%2fkey/notes", {"text": "x"}, 404, ""),
         ("/participants/sub-1/notes", {"text": "x"}, 409, "not a pseudonym"),
     ],
 )
 def test_invalid_requests_change_nothing(
-    server: LiveServer, store: Store, path: str, body: Any, status: int, words: str
+    server: LiveServer, store: StudyStore, path: str, body: Any, status: int, words: str
 ) -> None:
-    before = store.events(), store.participants()
+    before = store.read_events(), store.read_participants()
     assert words in post(server, path, body, status)["detail"]
-    assert (store.events(), store.participants()) == before
+    assert (store.read_events(), store.read_participants()) == before
 
 
 def test_only_json_is_accepted(server: LiveServer) -> None:
@@ -188,7 +190,7 @@ def test_only_json_is_accepted(server: LiveServer) -> None:
 # The way of a participant ------------------------------------------------------------------------------------
 
 
-def test_participant_from_enrolment_to_withdrawal(server: LiveServer, store: Store) -> None:
+def test_participant_from_enrolment_to_withdrawal(server: LiveServer, store: StudyStore) -> None:
     pseudonym = post(server, "/participants", {"sex": "woman", "age_years": 30}, 200)["participant"]
     path = f"/participants/{pseudonym}"
     assert (
@@ -196,21 +198,24 @@ def test_participant_from_enrolment_to_withdrawal(server: LiveServer, store: Sto
     )
     assert "version" in post(server, f"{path}/consent", {"version": "0"}, 409)["detail"]
     post(server, f"{path}/consent", {"version": "1"})
-    assert "each question" in post(server, f"{path}/inclusion", {"answers": {"adult": True}}, 409)["detail"]
+    assert (
+        "an answer is missing"
+        in post(server, f"{path}/inclusion", {"answers": {"adult": True}}, 409)["detail"]
+    )
     post(server, f"{path}/inclusion", {"answers": eligible_answers(store)})
-    assert store.participant(pseudonym).state == "allocated"
+    assert store.read_participant(pseudonym).state == "allocated"
     post(server, f"{path}/notes", {"text": HOSTILE})
     shown = ask(server, "GET", path).json()
     assert [note["text"] for note in shown["notes"]] == [HOSTILE]
     assert len(shown["trials"]) == 5
     assert "this server runs no sessions" in post(server, f"{path}/sessions", {}, 409)["detail"]
     post(server, f"{path}/withdrawal", {"reason": "tired"})
-    assert store.participant(pseudonym).state == "withdrawn"
+    assert store.read_participant(pseudonym).state == "withdrawn"
     assert "final" in post(server, f"{path}/withdrawal", {"reason": ""}, 409)["detail"]
 
 
 def test_names_are_only_in_the_encrypted_identity_file(
-    server: LiveServer, store: Store, capfd: pytest.CaptureFixture[str]
+    server: LiveServer, store: StudyStore, capfd: pytest.CaptureFixture[str]
 ) -> None:
     name, contact, later = "Zora Unmistakable", "zora@example.org", "Zora Corrected"
     pseudonym = post(server, "/participants", {"sex": "woman", "name": name, "contact": contact}, 200)[
@@ -237,13 +242,13 @@ def test_names_are_only_in_the_encrypted_identity_file(
 
 
 def test_results_are_means_of_completed_trials_by_condition(tmp_path: Path) -> None:
-    with Store(make_study(tmp_path, tasks='["Feeding"]', blind_experimenter="true")) as store:
+    with StudyStore(make_study(tmp_path, tasks='["Feeding"]', blind_experimenter="true")) as store:
         assert summarise_results(store) == ()
         run_participant(store, enrol_with_consent(store))
         run_participant(store, enrol_with_consent(store), trials=3)
         gone = enrol_with_consent(store)
         run_participant(store, gone)
-        withdraw(store, gone)
+        withdraw_participant(store, gone)
         run_participant(store, enrol_with_consent(store, simulated=False), trials=2, simulated=False)
         rows = summarise_results(store)
     assert sum(row.trials for row in rows if row.simulated) == 4 + 2
@@ -258,10 +263,10 @@ def test_results_are_means_of_completed_trials_by_condition(tmp_path: Path) -> N
 @pytest.mark.fast_cases(1)
 def test_blinded_experimenter_sees_no_condition(tmp_path: Path, blind: bool) -> None:
     folder = make_study(tmp_path, tasks='["Feeding"]', blind_experimenter=json.dumps(blind))
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         pseudonym = enrol_with_consent(store)
         run_participant(store, pseudonym, trials=3)
-        app = dashboard_app(store, Tokens.new())
+        app = make_dashboard_app(store, Tokens.generate())
         shown = json.dumps(
             [read(app, path) for path in ("/overview", "/results", f"/participants/{pseudonym}")]
         )
@@ -292,18 +297,18 @@ def page(server: LiveServer) -> Iterator[Page]:
         page.on(
             "console", lambda message: complaints.append(message.text) if message.type == "error" else None
         )
-        page.goto(server.page_urls("dashboard?detail=light", server.tokens.experimenter)[0])
+        page.goto(server.list_page_urls("dashboard?detail=light", server.tokens.experimenter)[0])
         yield page
         browser.close()
     assert [each for each in complaints if REFUSED not in each] == []
 
 
 @pytest.mark.slow
-def test_enrolment_by_keyboard(server: LiveServer, store: Store, page: Page) -> None:
+def test_enrolment_by_keyboard(server: LiveServer, store: StudyStore, page: Page) -> None:
     """Enrolment, consent, inclusion and note appear in the table; text is escaped and fits a narrow page."""
     expect.set_options(timeout=1000 * PATIENCE_S)
     expect(page.locator("#server")).to_contain_text("Connected")
-    number = len(store.participants()) + 1
+    number = len(store.read_participants()) + 1
     press(page, "Enrol somebody")
     page.get_by_label("Body model").press("w")
     form = page.locator("#enrol")
@@ -320,7 +325,7 @@ def test_enrolment_by_keyboard(server: LiveServer, store: Store, page: Page) -> 
     expect(page.get_by_role("row", name=pseudonym)).to_contain_text("enrolled")
     assert "Ada" not in page.content()
     chosen = InputProfile("head", dwell_s=0.7, absent_arms=("left",), stops=("gaze", "experimenter"))
-    assert store.participant(pseudonym).input_profile == chosen
+    assert store.read_participant(pseudonym).input_profile == chosen
     page.evaluate("document.querySelectorAll('details').forEach((each) => (each.open = true))")
     expect(page.locator("#input").get_by_label("Dwell, s")).to_have_value("0.7")
     assert violations(page) == []
@@ -334,7 +339,7 @@ def test_enrolment_by_keyboard(server: LiveServer, store: Store, page: Page) -> 
     page.get_by_role("button", name="Record answers").press("Enter")
     page.locator("body").press("n")
     expect(page.get_by_role("row", name=pseudonym)).to_contain_text("0 of 5")
-    assert store.participant(pseudonym).state == "allocated"
+    assert store.read_participant(pseudonym).state == "allocated"
 
     expect(page.get_by_label("New note")).to_be_focused()
     page.keyboard.insert_text(HOSTILE)
@@ -346,7 +351,7 @@ def test_enrolment_by_keyboard(server: LiveServer, store: Store, page: Page) -> 
     page.keyboard.press("v")
     expect(page.frame_locator("iframe").get_by_label("participant's eyes")).to_be_checked()
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-    assert [note.text for note in store.notes(pseudonym)] == [HOSTILE]
+    assert [note.text for note in store.read_notes(pseudonym)] == [HOSTILE]
 
 
 def press(page: Page, summary: str) -> None:
@@ -355,7 +360,7 @@ def press(page: Page, summary: str) -> None:
 
 @pytest.mark.slow
 def test_page_requests_confirmation_of_a_possible_duplicate(
-    server: LiveServer, store: Store, page: Page
+    server: LiveServer, store: StudyStore, page: Page
 ) -> None:
     """The error contains only the pseudonym; the person is enrolled after confirmation."""
     expect.set_options(timeout=1000 * PATIENCE_S)
@@ -375,4 +380,4 @@ def test_page_requests_confirmation_of_a_possible_duplicate(
     form.get_by_role("button", name="Enrol").click()
     expect(page.locator("#done")).to_contain_text("is enrolled")
     expect(box).to_be_hidden()
-    assert len(store.participants()) == int(first.removeprefix("sub-")) + 1
+    assert len(store.read_participants()) == int(first.removeprefix("sub-")) + 1

@@ -9,17 +9,17 @@ from avrgym.cli import app
 from avrgym.study.plan.data_protection import DATA_PROTECTION_FOLDER, write_data_protection_drafts
 from avrgym.study.plan.hosted_assessment import (
     HOST_SETTINGS_FILE,
-    HOSTED_DATA,
-    HOSTED_MEASURES,
-    HOSTED_RISKS,
+    HOSTED_STUDY_DATA,
+    HOSTED_STUDY_RISKS,
+    HOSTED_STUDY_SAFEGUARDS,
 )
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.small_studies import small_study
 
 
 def written(folder: Path) -> dict[str, str]:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         return {path.name: path.read_text() for path in write_data_protection_drafts(store)}
 
 
@@ -58,7 +58,7 @@ def test_edited_drafts_are_not_overwritten(tmp_path: Path) -> None:
     assert CliRunner().invoke(app, command).exit_code == 0
     path = folder / DATA_PROTECTION_FOLDER / "impact-assessment.md"
     path.write_text("filled in")
-    with Store(folder) as store, pytest.raises(StudyError, match="exists already with another text"):
+    with StudyStore(folder) as store, pytest.raises(StudyError, match="exists already with another text"):
         write_data_protection_drafts(store)
     assert path.read_text() == "filled in"
     assert path.stat().st_mode & 0o077 == 0 or path.parent.stat().st_mode & 0o077 == 0
@@ -69,5 +69,5 @@ def test_drafts_of_a_hosted_study_contain_its_data_measures_and_risks(tmp_path: 
     (folder / HOST_SETTINGS_FILE).write_text("")
     drafts = written(folder)
     for draft in drafts.values():
-        assert all(each in draft for each in (*HOSTED_DATA, *HOSTED_MEASURES))
-    assert all(f"### {heading}" in drafts["impact-assessment.md"] for heading in HOSTED_RISKS)
+        assert all(each in draft for each in (*HOSTED_STUDY_DATA, *HOSTED_STUDY_SAFEGUARDS))
+    assert all(f"### {heading}" in drafts["impact-assessment.md"] for heading in HOSTED_STUDY_RISKS)

@@ -8,11 +8,11 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
-from avrgym.study.checking.checks import check_study
+from avrgym.study.checking.study_checks import check_study
 from avrgym.study.people.identities import PossibleDuplicateError
-from avrgym.study.people.participants import enrol_participant, set_identity, withdraw
+from avrgym.study.people.participants import enrol_participant, set_identity, withdraw_participant
 from avrgym.study.storage.identity_file import read_identities
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.small_studies import small_study
 
 NAME, CONTACT = "Zoë  Straßer", "zoe@example.org"
@@ -30,22 +30,22 @@ OTHERS = (("Zoe Straßer", CONTACT), (NAME, "zoe2@example.org"), ("", ""), ("Ada
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
-    with Store(small_study(tmp_path / "study")) as opened:
+def store(tmp_path: Path) -> Iterator[StudyStore]:
+    with StudyStore(small_study(tmp_path / "study")) as opened:
         enrol_participant(opened, "woman", name=NAME, contact=CONTACT)
         yield opened
 
 
-def contents(store: Store) -> tuple[object, ...]:
-    return store.participants(), store.events(), read_identities(store.folder)
+def contents(store: StudyStore) -> tuple[object, ...]:
+    return store.read_participants(), store.read_events(), read_identities(store.folder)
 
 
-def named(store: Store) -> list[str]:
+def named(store: StudyStore) -> list[str]:
     return [f"{each.where} {each.message}" for each in check_study(store) if "same person" in each.message]
 
 
 @pytest.mark.parametrize(("name", "contact"), SAME)
-def test_duplicate_enrolment_is_rejected(store: Store, name: str, contact: str) -> None:
+def test_duplicate_enrolment_is_rejected(store: StudyStore, name: str, contact: str) -> None:
     before = contents(store)
     with pytest.raises(PossibleDuplicateError, match=r"sub-001.*--confirm-duplicate") as refused:
         enrol_participant(store, "woman", name=name, contact=contact)
@@ -55,29 +55,29 @@ def test_duplicate_enrolment_is_rejected(store: Store, name: str, contact: str) 
 
 
 @pytest.mark.parametrize(("name", "contact"), OTHERS)
-def test_other_people_are_enrolled(store: Store, name: str, contact: str) -> None:
+def test_other_people_are_enrolled(store: StudyStore, name: str, contact: str) -> None:
     assert enrol_participant(store, "woman", name=name, contact=contact) == "sub-002"
     assert named(store) == []
 
 
-def test_confirmed_duplicate_is_enrolled(store: Store) -> None:
+def test_confirmed_duplicate_is_enrolled(store: StudyStore) -> None:
     enrol_participant(store, "man", name=NAME.upper(), contact=CONTACT, confirm_duplicate=True)
     (warning,) = named(store)
     assert warning.startswith("sub-002 may be the same person as sub-001")
     assert not any(part.lower() in warning.lower() for part in (*NAME.split(), CONTACT))
-    assert "another person than sub-001" in store.events()[-1].detail
+    assert "another person than sub-001" in store.read_events()[-1].detail
     assert not any(each.is_error for each in check_study(store) if "same person" in each.message)
 
 
-def test_withdrawn_participant_counts_as_duplicate_at_enrolment(store: Store) -> None:
-    withdraw(store, "sub-001")
+def test_withdrawn_participant_counts_as_duplicate_at_enrolment(store: StudyStore) -> None:
+    withdraw_participant(store, "sub-001")
     with pytest.raises(PossibleDuplicateError, match="sub-001"):
         enrol_participant(store, "woman", name=NAME, contact=CONTACT)
     enrol_participant(store, "woman", name=NAME, contact=CONTACT, confirm_duplicate=True)
     assert named(store) == []
 
 
-def test_corrected_name_is_checked_for_duplicates(store: Store) -> None:
+def test_corrected_name_is_checked_for_duplicates(store: StudyStore) -> None:
     set_identity(store, "sub-001", NAME.lower(), CONTACT)
     enrol_participant(store, "man", name="Ada Example")
     with pytest.raises(PossibleDuplicateError, match="sub-001"):
@@ -87,7 +87,7 @@ def test_corrected_name_is_checked_for_duplicates(store: Store) -> None:
     assert len(named(store)) == 1
 
 
-def test_command_accepts_confirmed_duplicates(store: Store) -> None:
+def test_command_accepts_confirmed_duplicates(store: StudyStore) -> None:
     command = ["study", "enrol", str(store.folder), "--body", "woman", "--name", "ZOË STRASSER"]
     refused = CliRunner().invoke(app, command)
     assert refused.exit_code == 1

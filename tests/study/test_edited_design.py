@@ -9,22 +9,22 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
-from avrgym.cli.plan import frozen_at_and_deviations
+from avrgym.cli.plan import read_plan_deviations
 from avrgym.models.furniture.real_furniture import RealFurniture
-from avrgym.policies.trained import packaged_policies
-from avrgym.study.checking.checks import check_study
+from avrgym.policies.trained_policies import find_packaged_policies
 from avrgym.study.checking.design_checks import check_design
 from avrgym.study.checking.finding import Finding
 from avrgym.study.checking.policy_files import check_used_policies
-from avrgym.study.design.design import Reporting
-from avrgym.study.plan.deviations import frozen_design
-from avrgym.study.plan.frozen_plan import read_frozen_plan
-from avrgym.study.sessions.visit import StudyVisit
+from avrgym.study.checking.study_checks import check_study
+from avrgym.study.design.design import PublicationDetails
+from avrgym.study.plan.frozen_plan import read_frozen_plan_evidence
+from avrgym.study.plan.plan_deviations import read_frozen_design
+from avrgym.study.sessions.study_visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.design_edits import DESIGN, EDITS, edit, make_edited_study, participate
 from helpers.studies.known_results import record_trial
 
@@ -53,7 +53,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for _ in range(2):
         result = CliRunner().invoke(app, ["study", "freeze", str(folder)])
         assert result.exit_code == 0, result.stderr
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         for language in ("en", "de"):
             participate(store, language, simulated=False, trials=2)
     return folder
@@ -64,13 +64,13 @@ def undone(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same study after edits of all fields, two more participants, and the reversal of all edits."""
     folder = Path(shutil.copytree(made, tmp_path_factory.mktemp("undone") / "study"))
     edit(folder, *EDITS)
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         participate(store, "de", simulated=False, trials=2)
     for name in {each.file for each in EDITS.values()}:
         shutil.copy(made / name, folder / name)
     languages = 'languages = ["en", "de"]', 'languages = ["en"]'
     (folder / DESIGN).write_text((folder / DESIGN).read_text().replace(*languages))
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         participate(store, "en", simulated=False, trials=2)
     shutil.copy(made / DESIGN, folder / DESIGN)
     return folder
@@ -78,14 +78,14 @@ def undone(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def found(undone: Path) -> list[Finding]:
-    with Store(undone) as store:
+    with StudyStore(undone) as store:
         return list(check_design(store))
 
 
 @pytest.fixture(scope="module")
 def deviating(undone: Path) -> list[str]:
-    with Store(undone) as store:
-        return [f"{each.where}: {each.message}" for each in frozen_at_and_deviations(store)[1]]
+    with StudyStore(undone) as store:
+        return [f"{each.where}: {each.message}" for each in read_plan_deviations(store)[1]]
 
 
 def naming(found: list[Finding], name: str) -> list[Finding]:
@@ -95,10 +95,10 @@ def naming(found: list[Finding], name: str) -> list[Finding]:
 
 
 def test_unedited_design_has_no_findings(made: Path) -> None:
-    with Store(made) as store:
+    with StudyStore(made) as store:
         assert list(check_design(store)) == []
         assert [each.message for each in check_study(store) if each.is_error] == []
-        deviations = [each.message for each in frozen_at_and_deviations(store)[1]]
+        deviations = [each.message for each in read_plan_deviations(store)[1]]
     assert deviations == []
 
 
@@ -108,7 +108,7 @@ def test_edit_after_a_session_is_found(made: Path, tmp_path: Path, name: str) ->
     folder = Path(shutil.copytree(made, tmp_path / "study"))
     each = EDITS[name]
     edit(folder, each.by or name)
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         (finding,) = naming(list(check_design(store)), name)
     assert f"{each.field} is {each.then}" in finding.message
     assert f"it was {each.was}" in finding.message
@@ -150,15 +150,15 @@ def test_changed_policy_is_found(made: Path, tmp_path: Path, when: str) -> None:
     """The file of a policy changes between two sessions, or after both."""
     folder = Path(shutil.copytree(made, tmp_path / "study"))
     before = (folder / POLICY).read_bytes()
-    other = packaged_policies("avrgym/FeedingJaco-v1")["original"].read_bytes()
-    with Store(folder) as store:
+    other = find_packaged_policies("avrgym/FeedingJaco-v1")["original"].read_bytes()
+    with StudyStore(folder) as store:
         for pseudonym in ("sub-001", "sub-002"):
             StudyVisit(store, pseudonym).close()
             if when == "in between":
                 (folder / POLICY).write_bytes(other)
         (folder / POLICY).write_bytes(other if when == "afterwards" else before)
         found = list(check_used_policies(store))
-        deviating = [each for each in frozen_at_and_deviations(store)[1] if each.where == "policy mine"]
+        deviating = [each for each in read_plan_deviations(store)[1] if each.where == "policy mine"]
     assert [(each.where, each.is_error) for each in found] == {
         "not at all": [],
         "in between": [("policy mine", True)],
@@ -174,14 +174,14 @@ def test_changed_policy_is_found(made: Path, tmp_path: Path, when: str) -> None:
 def test_contradicting_recording_is_found(made: Path, tmp_path: Path, guard: bool) -> None:
     """A different force guard is an error; a different seat is a note."""
     folder = Path(shutil.copytree(made, tmp_path / "study"))
-    with Store(folder) as store:
-        participant = store.participant("sub-001")
+    with StudyStore(folder) as store:
+        participant = store.read_participant("sub-001")
         session = open_session(store, participant.pseudonym)
-        trial = store.remaining_trials(participant.pseudonym)[0]
+        trial = store.read_remaining_trials(participant.pseudonym)[0]
         attempt = begin_attempt(store, session.id, trial.position)
         seat = RealFurniture(seat_height_m=0.4)
         metrics = record_trial(
-            store.absolute_path(attempt.recording),
+            store.resolve_path(attempt.recording),
             store.design,
             participant,
             trial,
@@ -198,23 +198,23 @@ def test_contradicting_recording_is_found(made: Path, tmp_path: Path, guard: boo
 def test_changed_reporting_is_no_finding(made: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(made, tmp_path / "study"))
     text = (folder / DESIGN).read_text()
-    for name in Reporting.__struct_fields__:
+    for name in PublicationDetails.__struct_fields__:
         assert f'\n{name} = ""' in text
         text = text.replace(f'\n{name} = ""', f'\n{name} = "known"')
     (folder / DESIGN).write_text(text)
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         assert list(check_design(store)) == []
-        assert frozen_at_and_deviations(store)[1] == []
+        assert read_plan_deviations(store)[1] == []
 
 
 def test_plan_record_cannot_write_outside_its_folder(made: Path, tmp_path: Path) -> None:
-    with Store(made) as store:
-        frozen = read_frozen_plan(store)
+    with StudyStore(made) as store:
+        frozen = read_frozen_plan_evidence(store)
     assert frozen is not None
-    assert frozen.record is not None
-    record = msgspec.structs.replace(frozen.record, texts={str(tmp_path / "elsewhere.toml"): "x = 1"})
-    assert frozen_design(frozen.record) is not None
-    assert frozen_design(record) is None
+    assert frozen.frozen_plan is not None
+    record = msgspec.structs.replace(frozen.frozen_plan, texts={str(tmp_path / "elsewhere.toml"): "x = 1"})
+    assert read_frozen_design(frozen.frozen_plan) is not None
+    assert read_frozen_design(record) is None
     assert list(tmp_path.iterdir()) == []
 
 
@@ -225,4 +225,4 @@ def test_fields_of_trial_orders_cannot_change(made: Path, tmp_path: Path, name: 
     assert FIXED[name][0] in text
     (folder / DESIGN).write_text(text.replace(*FIXED[name]))
     with pytest.raises(StudyError, match=f"{name} changed after the first participant"):
-        Store(folder)
+        StudyStore(folder)

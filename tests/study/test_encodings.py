@@ -10,20 +10,20 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from avrgym.analysis.output import write_analysis
-from avrgym.analysis.study import analyse_study
+from avrgym.analysis.output_files import write_analysis
+from avrgym.analysis.study_analysis import analyse_study
 from avrgym.analysis.tables import Table
 from avrgym.cli.main import app
 from avrgym.learning.hyperparameter_files import read_toml
 from avrgym.people.people_file import PeopleFileError, read_people
-from avrgym.study.checking.checks import check_study
+from avrgym.study.checking.study_checks import check_study
 from avrgym.study.design.design import DesignError, read_design
 from avrgym.study.export import export_study
 from avrgym.study.export.table_files import write_csv
-from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.frozen_plan import read_frozen_plan
+from avrgym.study.plan.frozen_plan import read_frozen_plan_evidence
+from avrgym.study.plan.plan_deviations import find_deviations
 from avrgym.study.storage import database
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from avrgym.system.columns import Column
 from avrgym.texts.interface_texts import read_texts
 from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant, small_study
@@ -75,7 +75,7 @@ def test_study_saved_with_windows_notepad_is_valid(tmp_path: Path) -> None:
     folder = small_study(tmp_path / "study")
     before = read_design(folder / "study.toml")
     assert read_design(mark(folder / "study.toml")) == before
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         run_participant(store, enrol_with_consent(store), trials=1)
         assert [each.message for each in check_study(store) if each.is_error] == []
 
@@ -95,11 +95,11 @@ def test_byte_order_mark_does_not_change_a_frozen_plan(tmp_path: Path) -> None:
     for name in ("study.toml", "plan.toml"):
         path = folder / name
         path.write_bytes(codecs.BOM_UTF8 + path.read_bytes())
-    with Store(folder) as store:
-        frozen = read_frozen_plan(store)
+    with StudyStore(folder) as store:
+        frozen = read_frozen_plan_evidence(store)
         assert frozen is not None
         assert [
-            each for each in deviations(store, frozen, {}) if each.where in ("study.toml", "plan.toml")
+            each for each in find_deviations(store, frozen, {}) if each.where in ("study.toml", "plan.toml")
         ] == []
 
 
@@ -135,7 +135,7 @@ def test_pandas_and_python_read_the_same_tables(tmp_path: Path, write: Callable[
 @pytest.mark.parametrize("data_format", ["csv", "bids"])
 def test_only_csv_files_have_a_byte_order_mark(tmp_path: Path, data_format: str) -> None:
     """CSV files of exports and analyses have one; TSV, JSON and text files have none."""
-    with Store(make_study(tmp_path / "study", tasks='["Feeding"]')) as store:
+    with StudyStore(make_study(tmp_path / "study", tasks='["Feeding"]')) as store:
         run_participant(store, enrol_with_consent(store), trials=2)
         export_study(store, data_format, tmp_path / "out")
         write_analysis(analyse_study(store), store.folder, tmp_path / "analysis")

@@ -5,14 +5,14 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from avrgym.analysis.plan import available_tests
+from avrgym.analysis.plan import list_available_tests
 from avrgym.analysis.reading.study_data import read_study_data
 from avrgym.cli.main import app
-from avrgym.study.design.validation import DesignError
-from avrgym.study.plan.exclusion_rules import ExclusionRule, answer_quality, violations
-from avrgym.study.plan.plan import read_plan
+from avrgym.study.design.toml_validation import DesignError
+from avrgym.study.plan.analysis_plan import read_analysis_plan
+from avrgym.study.plan.exclusion_rules import ExclusionRule, compute_answer_quality, find_rule_violations
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant
 
 RULES = """
@@ -50,16 +50,16 @@ def folder(tmp_path: Path) -> Path:
     return folder
 
 
-def change_answers(store: Store, pseudonym: str, **values: float) -> None:
+def change_answers(store: StudyStore, pseudonym: str, **values: float) -> None:
     with store.database.write_transaction() as connection:
-        for each in store.answers(pseudonym):
-            hash_chain.update(connection, schema.ANSWER_TABLE, each.id, **values)
+        for each in store.read_answers(pseudonym):
+            hash_chain.update_row(connection, schema.ANSWER_TABLE, each.id, **values)
 
 
 def test_participants_are_excluded_by_named_rules(folder: Path) -> None:
     """The answers of the first participant are in order; each other participant violates rules."""
     study("freeze", folder)
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         people = [enrol_with_consent(store, simulated=False) for _ in range(4)]
         for each in people:
             run_participant(store, each, simulated=False)
@@ -84,18 +84,18 @@ def test_participants_are_excluded_by_named_rules(folder: Path) -> None:
         assert "rule 'wrong answer': 2 of 2 answers to L1 are wrong; allowed: 0 %" in reason
         assert found.analysed_pseudonyms == {people[0]}
         assert [row.where for row in found.problems if "rule" in row.what] == people[1:]
-        quality = answer_quality(store, people[1])
+        quality = compute_answer_quality(store, people[1])
         assert (quality.straight_lined_share, quality.median_response_s) == (1.0, 1.25)
     assert study("quality", folder).count("rule 'equal answers'") == 2
 
 
 def test_without_rules_nobody_is_excluded(folder: Path) -> None:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         pseudonym = enrol_with_consent(store, simulated=False)
         rule = ExclusionRule("fast", "response_time", min_seconds=60.0)
-        assert violations(store, [rule]) == []
+        assert find_rule_violations(store, [rule]) == []
         run_participant(store, pseudonym, simulated=False)
-        assert [each.participant for each in violations(store, [rule])] == [pseudonym]
+        assert [each.participant for each in find_rule_violations(store, [rule])] == [pseudonym]
         assert {row.left_out for row in read_study_data(store).trials} == {None}
 
 
@@ -112,5 +112,5 @@ def test_without_rules_nobody_is_excluded(folder: Path) -> None:
 def test_invalid_rules_are_refused(folder: Path, rule: str, message: str) -> None:
     with open(folder / "plan.toml", "a") as file:
         file.write(f"\n[[exclusion.rules]]\n{rule}\n")
-    with Store(folder) as store, pytest.raises(DesignError, match=message):
-        read_plan(folder, store.design, available_tests(store.design))
+    with StudyStore(folder) as store, pytest.raises(DesignError, match=message):
+        read_analysis_plan(folder, store.design, list_available_tests(store.design))

@@ -14,14 +14,14 @@ from PIL import Image
 
 from avrgym.models.cameras import MAX_IMAGE_DEPTH_M, CameraSpec
 from avrgym.recording.reader import Recording, read_recording
-from avrgym.recording.world import rebuild_world, render_recorded_images
+from avrgym.recording.recorded_world import rebuild_world, render_recorded_images
 from avrgym.study.export import export_study
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import open_session
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
-from avrgym.tasks.camera_images import graphics_error
-from avrgym.tasks.registry import task_and_scene
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
+from avrgym.tasks.camera_images import find_rendering_error
+from avrgym.tasks.registry import find_task_and_scene
 from helpers.studies.small_studies import METRICS, enrol_with_consent, small_study
 from helpers.vr.visit import Visit, plan
 
@@ -29,7 +29,7 @@ FEEDING, STEPS = "avrgym/FeedingJaco-v1", 3
 CAMERA = "wrist:80x64:rgb+depth+segmentation"
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(graphics_error() is not None, reason="no graphics library renders here"),
+    pytest.mark.skipif(find_rendering_error() is not None, reason="no graphics library renders here"),
 ]
 
 
@@ -51,14 +51,14 @@ def recording(path: Path) -> Recording:
 
 
 @pytest.fixture(scope="module")
-def store(path: Path, tmp_path_factory: pytest.TempPathFactory) -> Store:
+def store(path: Path, tmp_path_factory: pytest.TempPathFactory) -> StudyStore:
     """A study with this recording as its first trial."""
-    opened = Store(small_study(tmp_path_factory.mktemp("study")))
+    opened = StudyStore(small_study(tmp_path_factory.mktemp("study")))
     session = open_session(opened, enrol_with_consent(opened))
-    (trial, *_) = [each for each in opened.trials("sub-001") if each.environment == FEEDING]
+    (trial, *_) = [each for each in opened.read_trials("sub-001") if each.environment == FEEDING]
     attempt = begin_attempt(opened, session.id, trial.position)
-    opened.absolute_path(attempt.recording).parent.mkdir(parents=True, exist_ok=True)
-    shutil.copy(path, opened.absolute_path(attempt.recording))
+    opened.resolve_path(attempt.recording).parent.mkdir(parents=True, exist_ok=True)
+    shutil.copy(path, opened.resolve_path(attempt.recording))
     complete_attempt(opened, attempt.id, METRICS)
     return opened
 
@@ -68,25 +68,25 @@ def test_images_show_the_state_before_each_control_step(recording: Recording):
     frames = [*render_recorded_images(recording, [camera])]
     steps = [control for _, control in recording.messages_by_topic["/control"]]
     assert len(frames) == len(steps) == STEPS
-    task, scene = task_and_scene(FEEDING)
-    names = [entry.name for entry in task.observation(scene).entries]
-    end = task.observation(scene).entry_ends[names.index("arm_angles_rad")]
+    task, scene = find_task_and_scene(FEEDING)
+    names = [entry.name for entry in task.make_observation_spec(scene).entries]
+    end = task.make_observation_spec(scene).entry_end_indices[names.index("arm_angles_rad")]
     episodes = rebuild_world(recording.configuration)
     states = [record.state for _, record in recording.messages_by_topic["/physics"]]
     for frame, control in zip(frames, steps, strict=True):
         for state in states:
             episodes.simulation.set_integration_state(np.array(state))
-            angles = episodes.simulation.joint_positions()[0]
+            angles = episodes.simulation.get_joint_positions()[0]
             if angles.tobytes() == np.array(control.observation[end - len(angles) : end]).tobytes():
-                (image,) = episodes.images([camera])["wrist_depth"]
+                (image,) = episodes.render_images([camera])["wrist_depth"]
                 assert_array_equal(frame["wrist_depth"], image)
                 break
         else:
             raise AssertionError("no state has these angles")
-    episodes.close_images()
+    episodes.close_renderer()
 
 
-def test_robomimic_and_lerobot_contain_the_images(tmp_path: Path, store: Store, recording: Recording):
+def test_robomimic_and_lerobot_contain_the_images(tmp_path: Path, store: StudyStore, recording: Recording):
     expected = [
         *render_recorded_images(recording, [CameraSpec("wrist", 80, 64, ("rgb", "depth", "segmentation"))])
     ]
@@ -115,7 +115,7 @@ def test_robomimic_and_lerobot_contain_the_images(tmp_path: Path, store: Store, 
     assert statistics["observation.images.wrist_depth"]["max"] == [[[MAX_IMAGE_DEPTH_M]]]
 
 
-def test_cameras_that_cannot_be_exported_are_refused(tmp_path: Path, store: Store):
+def test_cameras_that_cannot_be_exported_are_refused(tmp_path: Path, store: StudyStore):
     with pytest.raises(StudyError, match="csv cannot contain images; allowed: hdf5, lerobot"):
         export_study(store, "csv", tmp_path / "csv", cameras=["wrist"])
     with pytest.raises(StudyError, match="unknown camera 'eye' of robot Jaco; allowed: wrist, scene"):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.faulty_study import INTERRUPTIONS, Expected, Fault, FaultyStudy
 from helpers.studies.small_studies import make_study
 
@@ -12,7 +12,7 @@ from helpers.studies.small_studies import make_study
 @pytest.mark.slow
 def test_expected_attempts_count(tmp_path: Path) -> None:
     protocol = {"free_movement_s": "0.4", "trial_steps": "10", "practice_policy": '""'}
-    with Store(make_study(tmp_path, tasks='["Feeding"]', robots='["Jaco"]', **protocol)) as store:
+    with StudyStore(make_study(tmp_path, tasks='["Feeding"]', robots='["Jaco"]', **protocol)) as store:
         study = FaultyStudy(store, seed=3)
         study.run(2)
         print(f"\n{study.counts()}")

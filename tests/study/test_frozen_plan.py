@@ -9,16 +9,21 @@ import pytest
 from cryptography import x509
 from typer.testing import CliRunner, Result
 
-from avrgym.analysis.study import StudyAnalysis, analyse_study
+from avrgym.analysis.study_analysis import StudyAnalysis, analyse_study
 from avrgym.cli.main import app
 from avrgym.recording.reader import RecordingHeader
-from avrgym.study.checking.rebuilding import rebuild_study
-from avrgym.study.plan import timestamps
-from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, FrozenPlan, read_frozen_plan, sha256
-from avrgym.study.plan.timestamps import REGISTRATION_FILE, TIME_STAMP_FILE, verify_time_stamp
+from avrgym.study.checking.database_rebuild import rebuild_study_database
+from avrgym.study.plan import date_evidence
+from avrgym.study.plan.date_evidence import REGISTRATION_FILE, TIME_STAMP_FILE, verify_time_stamp
+from avrgym.study.plan.frozen_plan import (
+    FROZEN_PLAN_FILE,
+    FrozenPlanEvidence,
+    compute_sha256,
+    read_frozen_plan_evidence,
+)
 from avrgym.study.storage import database
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from helpers.browser.html_page import Page
 from helpers.studies.configurations import configuration
 from helpers.studies.known_results import enrol_included, run_trials, write_without_figures
@@ -53,7 +58,7 @@ def study(*arguments: str | Path) -> Result:
 
 
 def take_all_in(folder: Path) -> None:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         for sex in ("man", "woman"):
             run_trials(store, enrol_included(store, sex, simulated=False))
 
@@ -62,7 +67,7 @@ def forge(folder: Path) -> None:
     """Forge the frozen plan with a matching checksum, and delete the database."""
     record = json.loads((folder / FROZEN_PLAN_FILE).read_text())
     record["plan"] = record["plan"].replace("higher with revised", "lower with revised")
-    record["sha256"]["plan.toml"] = sha256(record["plan"].encode())
+    record["sha256"]["plan.toml"] = compute_sha256(record["plan"].encode())
     record["frozen_at"] = "2025-01-01T00:00:00.000000+00:00"
     (folder / "plan.toml").write_text(record["plan"])
     (folder / FROZEN_PLAN_FILE).write_text(json.dumps(record))
@@ -72,25 +77,25 @@ def forge(folder: Path) -> None:
 def lose_database(folder: Path) -> None:
     for name in DATABASE_FILES:
         (folder / name).unlink()
-    rebuild_study(folder)
+    rebuild_study_database(folder)
 
 
-def frozen_plan(folder: Path) -> FrozenPlan:
-    with Store(folder) as store:
-        frozen = read_frozen_plan(store)
+def frozen_plan(folder: Path) -> FrozenPlanEvidence:
+    with StudyStore(folder) as store:
+        frozen = read_frozen_plan_evidence(store)
     assert frozen is not None
     return frozen
 
 
 def analysed(folder: Path, out: Path) -> tuple[StudyAnalysis, str]:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         analysis = analyse_study(store)
         return analysis, " ".join(Page(write_without_figures(analysis, folder, out)).text.split())
 
 
 def trust(authority: Authority, monkeypatch: pytest.MonkeyPatch) -> None:
     root = x509.load_pem_x509_certificate(authority.root)
-    monkeypatch.setattr(timestamps, "_system_roots", lambda: [root])
+    monkeypatch.setattr(date_evidence, "_system_roots", lambda: [root])
 
 
 # Unknown origin
@@ -113,7 +118,7 @@ def test_forged_plan_is_not_confirmatory(folder: Path, tmp_path: Path) -> None:
     assert "Confirmatory results" not in page
     assert "The date of the plan is unknown" in page
     assert "Rebuilt database." in page
-    assert "confirmatory" not in {row.plan_status for row in [*analysis.tests, *analysis.models]}
+    assert "confirmatory" not in {row.plan_status for row in [*analysis.tests, *analysis.model_effects]}
     methods = (tmp_path / "forged" / "reporting" / "methods.md").read_text()
     assert "2025" not in methods
     assert "all results are exploratory" in methods
@@ -121,13 +126,13 @@ def test_forged_plan_is_not_confirmatory(folder: Path, tmp_path: Path) -> None:
 
 
 def test_plan_after_a_rebuild_is_not_confirmatory(folder: Path) -> None:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         run_participant(store, enrol_with_consent(store), trials=1)
     assert frozen_plan(folder).is_confirmatory
     lose_database(folder)
     frozen = frozen_plan(folder)
     assert (frozen.is_confirmatory, frozen.existed_since_text) == (False, "an unknown time")
-    assert "was rebuilt at" in frozen.origin_text
+    assert "was rebuilt at" in frozen.date_evidence_text
     for command in ("freeze", "check"):
         assert "was rebuilt" in study(command, folder).output.replace("\n", " ")
     assert study("freeze", folder, "--export", "osf").exit_code == 1
@@ -144,10 +149,10 @@ def test_plan_is_adopted_only_before_the_first_participant(folder: Path, tmp_pat
     assert "adopted" in adopted.stdout
     frozen = frozen_plan(early)
     assert frozen.is_confirmatory
-    assert frozen.record is not None
-    assert frozen.existed_since_text > frozen.record.frozen_at
-    assert "was stored in the database" in frozen.origin_text
-    with Store(late) as store:
+    assert frozen.frozen_plan is not None
+    assert frozen.existed_since_text > frozen.frozen_plan.frozen_at
+    assert "was stored in the database" in frozen.date_evidence_text
+    with StudyStore(late) as store:
         run_participant(store, enrol_with_consent(store), trials=1)
     assert "has already taken part" in study("freeze", late).output
     assert not frozen_plan(late).is_confirmatory
@@ -160,21 +165,21 @@ def test_freeze_prints_checksum_and_registries(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]')
     study("freeze", folder)
     shown = study("freeze", folder).stdout
-    assert sha256((folder / FROZEN_PLAN_FILE).read_bytes()) in shown
+    assert compute_sha256((folder / FROZEN_PLAN_FILE).read_bytes()) in shown
     for word in ("osf.io", "aspredicted.org", "openssl ts -query", "--timestamp"):
         assert word in shown
 
 
 def test_registration_is_only_a_claim(folder: Path) -> None:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         run_participant(store, enrol_with_consent(store), trials=1)
     address = "https://osf.io/abcde"
     assert study("freeze", folder, "--registered", address, "--registered-on", "2026-01-02").exit_code == 0
     frozen = frozen_plan(folder)
-    assert frozen.registration == timestamps.Registration(address, date(2026, 1, 2))
+    assert frozen.registration == date_evidence.Registration(address, date(2026, 1, 2))
     assert (
         f"The researchers claim a registration of 2026-01-02 at {address}; this is not verified."
-        in frozen.origin_text
+        in frozen.date_evidence_text
     )
     before = (folder / REGISTRATION_FILE).read_bytes()
     assert study("freeze", folder, "--registered", "https://osf.io/other").exit_code == 1
@@ -228,23 +233,23 @@ def test_trusted_early_time_stamp_proves_a_plan(
     file.write_bytes(authority.stamp((folder / FROZEN_PLAN_FILE).read_bytes()))
     stored = study("freeze", folder, "--timestamp", file)
     assert stored.exit_code == 0, stored.output
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         monkeypatch.setattr("avrgym.recording.writer.datetime", Later)
         run_participant(store, enrol_with_consent(store), trials=1)
         monkeypatch.setattr("avrgym.recording.writer.datetime", datetime)
     lose_database(folder)
     frozen = frozen_plan(folder)
     assert not frozen.is_confirmatory
-    assert "the time stamp alone proves nothing" in frozen.origin_text
+    assert "the time stamp alone proves nothing" in frozen.date_evidence_text
     trust(authority, monkeypatch)
     frozen = frozen_plan(folder)
     assert frozen.is_confirmatory
-    assert frozen.faults == ()
-    assert "existed at" in frozen.origin_text
+    assert frozen.error_messages == ()
+    assert "existed at" in frozen.date_evidence_text
     assert "unknown date" not in study("check", folder).stdout
     forged = (folder / FROZEN_PLAN_FILE).read_bytes().replace(b"higher", b"lower")
     (folder / FROZEN_PLAN_FILE).write_bytes(forged)
-    assert "invalid time stamp" in " ".join(frozen_plan(folder).faults)
+    assert "invalid time stamp" in " ".join(frozen_plan(folder).error_messages)
     (folder / TIME_STAMP_FILE).write_bytes(authority.stamp(forged))
     monkeypatch.setattr(
         "avrgym.study.plan.frozen_plan.read_header",

@@ -12,19 +12,19 @@ from typer.testing import CliRunner
 from avrgym.cli import app
 from avrgym.study.design.functioning import (
     ASSISTIVE_DEVICES,
-    DECLINED,
+    DECLINED_ANSWER,
     DIFFICULTY_LEVELS,
     FUNCTIONING_QUESTIONS,
-    functioning_sentences,
+    list_functioning_sentences,
 )
 from avrgym.study.export import export_study
-from avrgym.study.export.functioning import MIN_GROUP_SIZE, functioning_counts, suppress_small_counts
-from avrgym.study.export.records import ExportOptions
-from avrgym.study.people.functioning import FunctioningAnswers, record_functioning
+from avrgym.study.export.event_tables import ExportOptions
+from avrgym.study.export.functioning import MIN_GROUP_SIZE, count_functioning_answers, suppress_small_counts
+from avrgym.study.people.functioning import FunctioningAnswers, record_functioning_answers
 from avrgym.study.people.participants import enrol_participant
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
-from avrgym.texts.interface_texts import included_languages, read_texts
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
+from avrgym.texts.interface_texts import list_included_languages, read_texts
 from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant, small_study
 
 ANSWERS = FunctioningAnswers(
@@ -33,14 +33,16 @@ ANSWERS = FunctioningAnswers(
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
+def store(tmp_path: Path) -> Iterator[StudyStore]:
     """Seven people with a trial; the last has some difficulty walking."""
-    with Store(make_study(tmp_path / "study", tasks='["Feeding"]', ask_functioning="true")) as opened:
+    with StudyStore(make_study(tmp_path / "study", tasks='["Feeding"]', ask_functioning="true")) as opened:
         for number in range(7):
             pseudonym = enrol_with_consent(opened, simulated=False)
             run_participant(opened, pseudonym, trials=2, simulated=False)
             walking = "some" if number == 6 else "none"
-            record_functioning(opened, pseudonym, changed(levels=ANSWERS.levels | {"walking": walking}))
+            record_functioning_answers(
+                opened, pseudonym, changed(levels=ANSWERS.levels | {"walking": walking})
+            )
         yield opened
 
 
@@ -55,24 +57,26 @@ def read(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-@pytest.mark.parametrize("language", included_languages())
+@pytest.mark.parametrize("language", list_included_languages())
 def test_all_languages_have_all_sentences(language: str) -> None:
     texts = read_texts(language)
-    assert language == "en" or texts.untranslated_sentences(list(functioning_sentences())) == []
+    assert language == "en" or texts.find_untranslated_sentences(list(list_functioning_sentences())) == []
 
 
 @pytest.mark.slow
-def test_all_questions_can_be_declined(store: Store) -> None:
-    record_functioning(
-        store, "sub-001", FunctioningAnswers(dict.fromkeys(FUNCTIONING_QUESTIONS, DECLINED), (DECLINED,))
+def test_all_questions_can_be_declined(store: StudyStore) -> None:
+    record_functioning_answers(
+        store,
+        "sub-001",
+        FunctioningAnswers(dict.fromkeys(FUNCTIONING_QUESTIONS, DECLINED_ANSWER), (DECLINED_ANSWER,)),
     )
-    said = store.participant("sub-001").functioning
+    said = store.read_participant("sub-001").functioning
     assert said == {
-        "levels": dict.fromkeys(FUNCTIONING_QUESTIONS, DECLINED),
-        "devices": [DECLINED],
+        "levels": dict.fromkeys(FUNCTIONING_QUESTIONS, DECLINED_ANSWER),
+        "devices": [DECLINED_ANSWER],
         "diagnosis": "",
     }
-    assert store.database.find_faults() == []
+    assert store.database.find_integrity_errors() == []
 
 
 @pytest.mark.fast_cases(2)
@@ -89,22 +93,22 @@ def test_all_questions_can_be_declined(store: Store) -> None:
         ({"diagnosis": "x" * 201}, "the diagnosis is 201 characters long"),
     ],
 )
-def test_invalid_answers_are_rejected(store: Store, changes: dict[str, Any], words: str) -> None:
-    before = store.participant("sub-001")
+def test_invalid_answers_are_rejected(store: StudyStore, changes: dict[str, Any], words: str) -> None:
+    before = store.read_participant("sub-001")
     with pytest.raises(StudyError, match=words):
-        record_functioning(store, "sub-001", changed(**changes))
-    assert store.participant("sub-001") == before
+        record_functioning_answers(store, "sub-001", changed(**changes))
+    assert store.read_participant("sub-001") == before
 
 
-def test_answers_require_consent_and_the_design(store: Store, tmp_path: Path) -> None:
+def test_answers_require_consent_and_the_design(store: StudyStore, tmp_path: Path) -> None:
     with pytest.raises(StudyError, match="record the consent first"):
-        record_functioning(store, enrol_participant(store, "man"), ANSWERS)
+        record_functioning_answers(store, enrol_participant(store, "man"), ANSWERS)
     with pytest.raises(StudyError, match="is a simulated participant; allowed: a person"):
-        record_functioning(store, enrol_with_consent(store), ANSWERS)
-    with Store(small_study(tmp_path / "without")) as without:
+        record_functioning_answers(store, enrol_with_consent(store), ANSWERS)
+    with StudyStore(small_study(tmp_path / "without")) as without:
         pseudonym = enrol_with_consent(without, simulated=False)
         with pytest.raises(StudyError, match="ask_functioning = true in study"):
-            record_functioning(without, pseudonym, ANSWERS)
+            record_functioning_answers(without, pseudonym, ANSWERS)
 
 
 # Small groups
@@ -138,8 +142,8 @@ def test_suppressed_groups_cannot_be_computed_from_the_total() -> None:
 
 
 @pytest.mark.slow
-def test_export_contains_individual_answers_only_on_request(store: Store, tmp_path: Path) -> None:
-    rows = {(row.question, row.answer): row.people for row in functioning_counts(store)}
+def test_export_contains_individual_answers_only_on_request(store: StudyStore, tmp_path: Path) -> None:
+    rows = {(row.question, row.answer): row.people for row in count_functioning_answers(store)}
     assert rows["seeing", "none"] == "7"
     assert rows["walking", "some"] == rows["walking", "none"] == "suppressed"
     assert rows["devices", f"12: {ASSISTIVE_DEVICES['12']}"] == "7"
@@ -150,10 +154,12 @@ def test_export_contains_individual_answers_only_on_request(store: Store, tmp_pa
     assert len(read(tmp_path / "public" / "functioning.csv")) == 6 * (len(DIFFICULTY_LEVELS) + 1) + len(
         ASSISTIVE_DEVICES
     )
-    export_study(store, "csv", tmp_path / "health", extras=ExportOptions(health=True))
+    export_study(store, "csv", tmp_path / "health", extras=ExportOptions(include_health_data=True))
     *_, last = read(tmp_path / "health" / "functioning_by_person.csv")
     assert (last["walking"], last["devices"], last["diagnosis"]) == ("some", "12, 24", "")
-    export_study(store, "csv", tmp_path / "all", extras=ExportOptions(free_text=True, health=True))
+    export_study(
+        store, "csv", tmp_path / "all", extras=ExportOptions(include_free_text=True, include_health_data=True)
+    )
     assert read(tmp_path / "all" / "functioning_by_person.csv")[0]["diagnosis"] == ANSWERS.diagnosis
     assert {each.name for each in fields(ExportOptions)} == {"free_text", "health"}
 
@@ -162,15 +168,15 @@ def test_command_uses_the_language_of_the_participant(tmp_path: Path) -> None:
     folder = make_study(
         tmp_path / "study", tasks='["Feeding"]', ask_functioning="true", languages='["en", "de"]'
     )
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         pseudonym = enrol_with_consent(store, simulated=False)
         english = enrol_participant(store, "man", language="de")
     answers = "\n".join(["none"] * len(FUNCTIONING_QUESTIONS) + ["12, 24", ""]) + "\n"
     result = CliRunner().invoke(app, ["study", "functioning", str(folder), pseudonym], input=answers)
     assert result.exit_code == 0, result.output
     assert "no difficulty" in result.output
-    with Store(folder) as store:
-        assert store.participant(pseudonym).functioning is not None
+    with StudyStore(folder) as store:
+        assert store.read_participant(pseudonym).functioning is not None
     result = CliRunner().invoke(app, ["study", "functioning", str(folder), english], input=answers)
     assert "keine Schwierigkeiten" in result.output
     assert "record the consent first" in result.output

@@ -14,15 +14,15 @@ from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
 from avrgym.study.checking.database_checks import check_private_files
-from avrgym.study.people.deletion import delete_participant
-from avrgym.study.people.identities import encrypt_names
+from avrgym.study.people.identities import encrypt_participant_names
+from avrgym.study.people.participant_deletion import delete_participant
 from avrgym.study.people.participants import enrol_participant, set_identity
 from avrgym.study.storage import database, identity_file, identity_keys
 from avrgym.study.storage.identity_file import Identity
 from avrgym.study.storage.identity_keys import KEY_FILE_VARIABLE, PASSPHRASE_VARIABLE, KeyUnavailableError
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
-from avrgym.system.files import user_data_folder
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
+from avrgym.system.files import get_user_data_folder
 from helpers.studies.small_studies import small_study
 from helpers.system.paths import DATA
 
@@ -47,7 +47,7 @@ def folder(tmp_path: Path) -> Path:
 def locked(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A study with names encrypted by a passphrase, which is missing."""
     monkeypatch.setenv(PASSPHRASE_VARIABLE, SECRET)
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         enrol_participant(store, "woman", name=NAME, contact=CONTACT)
     monkeypatch.delenv(PASSPHRASE_VARIABLE)
     return folder
@@ -70,7 +70,7 @@ def is_readable(folder: Path) -> bool:
 
 
 def notes(folder: Path) -> str:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         return " ".join(f"{each.where} {each.message} {each.is_error}" for each in check_private_files(store))
 
 
@@ -79,12 +79,12 @@ def notes(folder: Path) -> str:
 
 def test_new_study_uses_a_key_file_outside_the_study(folder: Path) -> None:
     said = avrgym("enrol", folder, "--body", "woman", "--name", NAME, "--contact", CONTACT)
-    lock = identity_file.key_source(folder)
+    lock = identity_file.read_key_source(folder)
     assert lock is not None
-    key = identity_keys.key_file_path(lock)
+    key = identity_keys.find_key_file_path(lock)
     assert str(key) in said.stdout
     assert "without it the names are lost, but no other data" in said.stdout
-    assert key.is_relative_to(user_data_folder())
+    assert key.is_relative_to(get_user_data_folder())
     assert key.stat().st_mode & 0o077 == 0
     assert not is_readable(folder)
     shown = avrgym("names", folder).stdout
@@ -95,23 +95,23 @@ def test_new_study_uses_a_key_file_outside_the_study(folder: Path) -> None:
 
 
 def test_study_works_without_the_key_file(folder: Path) -> None:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         enrol_participant(store, "woman", name=NAME)
-        lock = identity_file.key_source(folder)
+        lock = identity_file.read_key_source(folder)
         assert lock is not None
-        key = identity_keys.key_file_path(lock)
+        key = identity_keys.find_key_file_path(lock)
         lost = key.rename(key.with_suffix(".elsewhere"))
         before = contents(folder)
         for act in (
             lambda: enrol_participant(store, "woman", name="Ada"),
             lambda: set_identity(store, "sub-001", "Ada", ""),
             lambda: identity_file.read_identities(folder),
-            lambda: encrypt_names(store),
+            lambda: encrypt_participant_names(store),
         ):
             with pytest.raises(KeyUnavailableError, match="no other data"):
                 act()
         assert contents(folder) == before
-        assert len(store.participants()) == 1
+        assert len(store.read_participants()) == 1
         assert enrol_participant(store, "man") == "sub-002"
         key.write_text("ab" * 32)
         with pytest.raises(KeyUnavailableError, match=r"is wrong\. Nothing was changed"):
@@ -124,10 +124,10 @@ def test_key_file_must_be_outside_the_study(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(KEY_FILE_VARIABLE, str(folder / "private" / "names.key"))
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         with pytest.raises(StudyError, match="is in the study's folder"):
             enrol_participant(store, "woman", name=NAME)
-        assert store.participants() == []
+        assert store.read_participants() == []
         monkeypatch.setenv(KEY_FILE_VARIABLE, str(tmp_path / "names.key"))
         enrol_participant(store, "woman", name=NAME)
         assert identity_file.read_identities(folder)["sub-001"] == Identity(NAME, "")
@@ -163,17 +163,17 @@ def test_names_need_the_right_passphrase(locked: Path, monkeypatch: pytest.Monke
 
 
 def test_deletion_needs_no_passphrase(locked: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with Store(locked) as store:
+    with StudyStore(locked) as store:
         enrol_participant(store, "man")
         delete_participant(store, "sub-001")
-    assert identity_file.pseudonyms_with_identity(locked) == set()
+    assert identity_file.read_pseudonyms_with_identity(locked) == set()
     monkeypatch.setenv(PASSPHRASE_VARIABLE, SECRET)
     assert identity_file.read_identities(locked) == {}
 
 
 def test_changed_entries_are_rejected(locked: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(PASSPHRASE_VARIABLE, SECRET)
-    with Store(locked) as store:
+    with StudyStore(locked) as store:
         enrol_participant(store, "man", name="Max")
     path = locked / "private" / "identities.json"
     text = path.read_text().replace("sub-001", "x").replace("sub-002", "sub-001").replace("x", "sub-002")
@@ -184,10 +184,10 @@ def test_changed_entries_are_rejected(locked: Path, monkeypatch: pytest.MonkeyPa
 
 def test_short_passphrase_is_rejected(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(PASSPHRASE_VARIABLE, "short")
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         with pytest.raises(StudyError, match="at least 8 characters"):
             enrol_participant(store, "man", name="Max")
-        assert store.participants() == []
+        assert store.read_participants() == []
     assert not (folder / "private" / "identities.json").exists()
 
 
@@ -225,7 +225,7 @@ def old(tmp_path: Path) -> Path:
 
 def test_unencrypted_study_is_reported_and_encrypted(old: Path) -> None:
     assert "contains unencrypted names; `avrgym study encrypt-names" in notes(old)
-    with Store(old) as store:
+    with StudyStore(old) as store:
         set_identity(store, "sub-001", "First Person", "")
     assert (old / "private" / "key.json").exists()
     before = identity_file.read_identities(old)
@@ -239,12 +239,12 @@ def test_unencrypted_study_is_reported_and_encrypted(old: Path) -> None:
 
 def test_plain_file_remains_until_encryption_is_verified(old: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = (old / "private" / "key.json").read_bytes()
-    with Store(old) as store, monkeypatch.context() as damage:
+    with StudyStore(old) as store, monkeypatch.context() as damage:
         damage.setattr(identity_file, "decrypt_identities", lambda *_: {})
         with pytest.raises(StudyError, match="could not be verified"):
-            encrypt_names(store)
+            encrypt_participant_names(store)
     assert (old / "private" / "key.json").read_bytes() == before
-    assert identity_file.key_source(old) is None
+    assert identity_file.read_key_source(old) is None
 
 
 def test_leftover_plain_file_is_removed(old: Path) -> None:
@@ -262,7 +262,7 @@ def test_leftover_plain_file_is_removed(old: Path) -> None:
 
 
 def test_key_can_be_replaced_by_a_passphrase(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         enrol_participant(store, "woman", name=NAME)
     assert "must be entered in a terminal" in avrgym("encrypt-names", folder, "--passphrase").stderr
     monkeypatch.setenv(PASSPHRASE_VARIABLE, SECRET)
@@ -275,7 +275,7 @@ def test_key_can_be_replaced_by_a_passphrase(folder: Path, monkeypatch: pytest.M
 
 
 def test_deletion_covers_files_of_an_interrupted_key_change(folder: Path) -> None:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         enrol_participant(store, "woman", name=NAME)
         left = folder / "private" / "identities.json.new"
         left.write_bytes((folder / "private" / "identities.json").read_bytes())
@@ -305,7 +305,7 @@ def test_invalid_bytes_are_reported_as_damage(folder: Path, name: str) -> None:
     path.parent.mkdir(mode=0o700)
     path.write_bytes(b'{"format": "\xff"}')
     with pytest.raises(StudyError, match=r"not (an identity|a key) file"):
-        identity_file.pseudonyms_with_identity(folder)
+        identity_file.read_pseudonyms_with_identity(folder)
 
 
 @pytest.mark.parametrize(
@@ -313,7 +313,7 @@ def test_invalid_bytes_are_reported_as_damage(folder: Path, name: str) -> None:
 )
 def test_passphrase_is_normalised(folder: Path, locks: str, opens: str) -> None:
     identity_keys.set_passphrase(folder, locks)
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         enrol_participant(store, "woman", name=NAME)
     identity_keys.set_passphrase(folder, opens)
     assert identity_file.read_identities(folder)["sub-001"].name == NAME
@@ -328,9 +328,9 @@ def test_key_file_is_written_before_names(folder: Path, monkeypatch: pytest.Monk
         fsync(number)
 
     monkeypatch.setattr(os, "fsync", noted)
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         enrol_participant(store, "woman", name=NAME)
-    lock = identity_file.key_source(folder)
+    lock = identity_file.read_key_source(folder)
     assert lock is not None
     names = [each for each in synced if each.endswith(".key") or "identities" in each]
-    assert names[0] == identity_keys.key_file_path(lock).name
+    assert names[0] == identity_keys.find_key_file_path(lock).name

@@ -7,33 +7,35 @@ from typer.testing import CliRunner
 
 from avrgym.cli import app
 from avrgym.recording.input_profile import InputProfile
-from avrgym.recording.presentation import Presentation
-from avrgym.study.people.input_profiles import parse_profile, set_input_profile
+from avrgym.recording.presentation import PresentationPreferences
+from avrgym.study.people.input_profiles import make_input_profile, set_input_profile
 from avrgym.study.people.participants import enrol_participant
 from avrgym.study.storage.attempts import begin_attempt
 from avrgym.study.storage.sessions import open_session
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.small_studies import enrol_with_consent, make_study
 
 HEAD = InputProfile(
-    "head", dwell_s=2.0, presentation=Presentation(text_deg=2.0, contrast="high", captions=True)
+    "head", dwell_s=2.0, presentation=PresentationPreferences(text_deg=2.0, contrast="high", captions=True)
 )
 
 
 def test_profiles_are_stored_and_recorded_with_each_attempt(tmp_path: Path) -> None:
-    with Store(make_study(tmp_path / "study", tasks='["Feeding"]')) as store:
+    with StudyStore(make_study(tmp_path / "study", tasks='["Feeding"]')) as store:
         pseudonym = enrol_with_consent(store)
-        assert store.participant(pseudonym).input_profile is None
+        assert store.read_participant(pseudonym).input_profile is None
         set_input_profile(store, pseudonym, HEAD)
-        assert store.participant(pseudonym).input_profile == HEAD
-        trial = store.remaining_trials(pseudonym)[0]
+        assert store.read_participant(pseudonym).input_profile == HEAD
+        trial = store.read_remaining_trials(pseudonym)[0]
         begin_attempt(store, open_session(store, pseudonym).id, trial.position, input_profile=HEAD)
-        assert [attempt.input_profile for attempt in store.attempts(pseudonym)] == [HEAD]
-        assert [each.detail for each in store.events() if each.name == "input changed"] == [HEAD.describe()]
+        assert [attempt.input_profile for attempt in store.read_attempts(pseudonym)] == [HEAD]
+        assert [each.detail for each in store.read_events() if each.name == "input changed"] == [
+            HEAD.describe()
+        ]
         other = enrol_participant(store, "man", input_profile=HEAD)
-        assert store.participant(other).input_profile == HEAD
-        assert store.database.find_faults() == []
+        assert store.read_participant(other).input_profile == HEAD
+        assert store.database.find_integrity_errors() == []
 
 
 @pytest.mark.parametrize(
@@ -48,20 +50,20 @@ def test_profiles_are_stored_and_recorded_with_each_attempt(tmp_path: Path) -> N
 )
 def test_impossible_profiles_are_refused(values: dict, words: str) -> None:
     with pytest.raises(StudyError, match=words):
-        parse_profile(values)
+        make_input_profile(values)
 
 
 def test_an_arm_that_a_task_needs_cannot_be_absent(tmp_path: Path) -> None:
     armless = InputProfile("head", absent_arms=("right",))
     fault = "ScratchItch works on the right arm, which is absent; allowed: tasks that need no absent arm"
-    with Store(make_study(tmp_path / "study", tasks='["Feeding", "ScratchItch"]')) as store:
+    with StudyStore(make_study(tmp_path / "study", tasks='["Feeding", "ScratchItch"]')) as store:
         with pytest.raises(StudyError, match=fault):
             enrol_participant(store, "man", input_profile=armless)
-        assert store.participants() == []
+        assert store.read_participants() == []
         pseudonym = enrol_with_consent(store)
         with pytest.raises(StudyError, match=fault):
             set_input_profile(store, pseudonym, armless)
-        assert store.participant(pseudonym).input_profile is None
+        assert store.read_participant(pseudonym).input_profile is None
         set_input_profile(store, pseudonym, InputProfile("head", absent_arms=("left",)))
 
 
@@ -82,7 +84,7 @@ def test_commands_enrol_with_a_profile_and_change_it(tmp_path: Path) -> None:
     assert run("input", str(folder), "sub-001", "--text", "2", "--read-aloud", "--position", "left")[0] == 0
     code, said = run("input", str(folder), "sub-001", "--no-read-aloud", "--captions")
     assert (code, "text 2°; panel on the left; captions" in said) == (0, True)
-    with Store(folder) as store:
-        stored = store.participant("sub-001").input_profile
-    presentation = Presentation(text_deg=2.0, position="left", captions=True)
+    with StudyStore(folder) as store:
+        stored = store.read_participant("sub-001").input_profile
+    presentation = PresentationPreferences(text_deg=2.0, position="left", captions=True)
     assert stored == InputProfile("one-switch", scan_s=3.0, resting_arms=("left",), presentation=presentation)

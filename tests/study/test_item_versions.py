@@ -6,12 +6,12 @@ import msgspec
 import pytest
 
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item, Questionnaire
-from avrgym.study.design.design import Design, default_design_text, parse_design
-from avrgym.study.storage.item_versions import ItemCatalogue, design_with_item_versions
+from avrgym.study.design.design import Design, parse_design, read_default_design_text
+from avrgym.study.storage.item_versions import ItemCatalogue, add_item_versions_to_design
 
-DESIGN = parse_design(default_design_text())
+DESIGN = parse_design(read_default_design_text())
 TLX = parse_design(
-    default_design_text().replace(
+    read_default_design_text().replace(
         "[goals]", '[[questionnaires]]\nuse = "nasa-tlx"\nwhen = "after_trial"\n[goals]'
     )
 )
@@ -40,7 +40,7 @@ def names(*asked: tuple[Design, str, Callable[[str], str]]) -> list[list[str]]:
     """The versions of items of each participant; each read a design in a language."""
     catalogue = ItemCatalogue()
     forms = [catalogue.add_design_items(*each) for each in asked]
-    return [[version.item.id for version in form.versions.values()] for form in forms]
+    return [[version.item.id for version in form.version_by_item_id.values()] for form in forms]
 
 
 def test_translations_are_the_same_version() -> None:
@@ -83,7 +83,7 @@ def test_instrument_changes_as_a_whole() -> None:
         catalogue.add_design_items(design, "en", english)
     found = {
         each.name: [item.id for item in each.items]
-        for each in design_with_item_versions(TLX, catalogue).questionnaires
+        for each in add_item_versions_to_design(TLX, catalogue).questionnaires
     }
     ids = [item.id for item in tlx.items]
     assert found == {
@@ -97,7 +97,7 @@ def test_unedited_design_has_only_first_versions() -> None:
     catalogue = ItemCatalogue()
     for translate in (english, english):
         catalogue.add_design_items(TLX, "en", translate)
-    assert design_with_item_versions(TLX, catalogue) == TLX
+    assert add_item_versions_to_design(TLX, catalogue) == TLX
 
 
 def test_unanswered_items_are_from_the_design() -> None:
@@ -105,4 +105,4 @@ def test_unanswered_items_are_from_the_design() -> None:
     catalogue.add_design_items(DESIGN, "en", english)
     more = Questionnaire("more", "after_session", (msgspec.structs.replace(L1, id="M1"),))
     later = msgspec.structs.replace(DESIGN, questionnaires=(*DESIGN.questionnaires, more))
-    assert design_with_item_versions(later, catalogue) == later
+    assert add_item_versions_to_design(later, catalogue) == later

@@ -11,12 +11,12 @@ from pathlib import Path
 import psycopg
 import pytest
 
-from avrgym.study.checking.checks import check_study
-from avrgym.study.sessions.visit import StudyVisit
+from avrgym.study.checking.study_checks import check_study
+from avrgym.study.sessions.study_visit import StudyVisit
 from avrgym.study.storage import database
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
-from avrgym.vr.protocol.messages import Command, Phase, Stop
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
+from avrgym.vr.protocol.messages import ExperimenterCommand, PhaseDescription, Stop
 from helpers.studies.small_studies import enrol_with_consent, make_study, new_postgresql_database
 from helpers.vr.visit import Visit
 
@@ -31,7 +31,7 @@ def locked(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_
     """A context manager that locks the database of a study in ``tmp_path``."""
     if request.param == "sqlite":
         monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
-        return lambda: sqlite_lock(tmp_path / database.FILE)
+        return lambda: sqlite_lock(tmp_path / database.DATABASE_FILE)
     url = new_postgresql_database(request.getfixturevalue("postgresql"))
     monkeypatch.setenv(database.DATABASE_URL_VARIABLE, url)
     return lambda: postgresql_lock(url)
@@ -58,7 +58,7 @@ def visit(locked: Lock, tmp_path: Path) -> Iterator[StudyVisit]:
     """A study with a practice trial and two trials of 0.5 s, stored in another thread."""
     design = {"tasks": '["Feeding"]', "robots": '["Jaco"]', "trial_steps": "5", "free_movement_s": "0.1"}
     with (
-        Store(make_study(tmp_path, **design)) as store,
+        StudyStore(make_study(tmp_path, **design)) as store,
         ThreadPoolExecutor(1) as storing,
         StudyVisit(store, enrol_with_consent(store), storing=storing) as visit,
     ):
@@ -66,7 +66,7 @@ def visit(locked: Lock, tmp_path: Path) -> Iterator[StudyVisit]:
 
 
 def attend(visit: StudyVisit) -> Visit:
-    plan = replace(visit.plan_trials(), countdown_s=0.1)
+    plan = replace(visit.plan_remaining_trials(), countdown_s=0.1)
     return Visit(Path(), plan, make=lambda send: visit.create_session(plan, send))
 
 
@@ -80,7 +80,7 @@ def await_phase(attended: Visit, phase: str) -> None:
 
 
 def states(visit: StudyVisit) -> list[str]:
-    return [attempt.state for attempt in visit.store.attempts(visit.pseudonym)]
+    return [attempt.state for attempt in visit.store.read_attempts(visit.pseudonym)]
 
 
 @pytest.mark.fast_cases(2)
@@ -92,9 +92,9 @@ def test_stop_works_while_the_database_is_locked(visit: StudyVisit, locked: Lock
         attended.tick(5)
         attended.send(Stop())
         assert attended.phase == "paused"
-        assert attended.received(Phase)[-1].name == "paused"
+        assert attended.received(PhaseDescription)[-1].name == "paused"
         attended.tick(20)
-    visit.end().result(PATIENCE_S)
+    visit.end_session().result(PATIENCE_S)
     assert states(visit) == ["stopped"]
 
 
@@ -110,8 +110,8 @@ def test_next_trial_waits_until_the_last_is_stored(visit: StudyVisit, locked: Lo
     await_phase(attended, "countdown")
     assert attended.session.trial_index == 1
     assert states(visit) == ["completed", "running"]
-    attended.send(Command(name="end"))
-    visit.end().result(PATIENCE_S)
+    attended.send(ExperimenterCommand(name="end"))
+    visit.end_session().result(PATIENCE_S)
     assert [finding.message for finding in check_study(visit.store) if finding.is_error] == []
 
 
@@ -125,25 +125,27 @@ def test_robot_waits_until_its_attempt_is_stored(visit: StudyVisit, locked: Lock
         assert attended.phase in ("free_before", "countdown")
     await_phase(attended, "trial")
     attended.leave()
-    visit.end().result(PATIENCE_S)
+    visit.end_session().result(PATIENCE_S)
     assert states(visit) == ["interrupted"]
 
 
 def test_next_session_stores_an_unstored_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The loop waits for storage only until its timeout."""
     monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
-    monkeypatch.setattr("avrgym.study.sessions.visit.SESSION_END_TIMEOUT_S", 0.5)
+    monkeypatch.setattr("avrgym.study.sessions.study_visit.SESSION_END_TIMEOUT_S", 0.5)
     monkeypatch.setattr("avrgym.study.storage.sqlite.LOCK_TIMEOUT_S", 1)
-    with Store(make_study(tmp_path, tasks='["Feeding"]', robots='["Jaco"]', free_movement_s="0.1")) as store:
+    with StudyStore(
+        make_study(tmp_path, tasks='["Feeding"]', robots='["Jaco"]', free_movement_s="0.1")
+    ) as store:
         with ThreadPoolExecutor(1) as storing:
             visit = StudyVisit(store, enrol_with_consent(store), storing=storing)
             attended = attend(visit)
             attended.calibrate()
             await_phase(attended, "trial")
-            with sqlite_lock(tmp_path / database.FILE):
+            with sqlite_lock(tmp_path / database.DATABASE_FILE):
                 attended.leave()
                 with pytest.raises(StudyError, match="was not stored because the database is busy"):
                     visit.close()
         with StudyVisit(store, visit.pseudonym, take_over=True):
-            assert [attempt.state for attempt in store.attempts(visit.pseudonym)] == ["interrupted"]
-            assert store.sessions(visit.pseudonym)[0].state != "open"
+            assert [attempt.state for attempt in store.read_attempts(visit.pseudonym)] == ["interrupted"]
+            assert store.read_sessions(visit.pseudonym)[0].state != "open"

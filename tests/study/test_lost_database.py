@@ -8,10 +8,10 @@ from pathlib import Path
 import psycopg
 import pytest
 
-from avrgym.study.sessions.threads import StorageQueue
+from avrgym.study.sessions.session_threads import StorageQueue
 from avrgym.study.storage import database
-from avrgym.study.storage.states import LostConnectionError, StudyError
-from avrgym.study.storage.store import Store, record_event
+from avrgym.study.storage.state_transitions import LostConnectionError, StudyError
+from avrgym.study.storage.store import StudyStore, record_event
 from helpers.studies.small_studies import new_postgresql_database, small_study
 
 PATIENCE_S = 60.0
@@ -46,12 +46,12 @@ def server(postgresql: Path, monkeypatch: pytest.MonkeyPatch) -> Server:
 
 
 @pytest.fixture
-def store(server: Server, tmp_path: Path) -> Iterator[Store]:
-    with Store(small_study(tmp_path)) as store:
+def store(server: Server, tmp_path: Path) -> Iterator[StudyStore]:
+    with StudyStore(small_study(tmp_path)) as store:
         yield store
 
 
-def test_interrupted_task_is_stored_once(store: Store, server: Server) -> None:
+def test_interrupted_task_is_stored_once(store: StudyStore, server: Server) -> None:
     calls: list[int] = []
 
     def task() -> None:
@@ -64,23 +64,23 @@ def test_interrupted_task_is_stored_once(store: Store, server: Server) -> None:
     with ThreadPoolExecutor(1) as thread:
         StorageQueue(thread).submit(task).result(PATIENCE_S)
     assert calls == [0, 1]
-    assert [each.name for each in store.events()] == ["tested"]
-    assert store.database.find_faults() == []
+    assert [each.name for each in store.read_events()] == ["tested"]
+    assert store.database.find_integrity_errors() == []
 
 
 def test_actions_wait_while_the_server_is_away(
-    store: Store, server: Server, monkeypatch: pytest.MonkeyPatch
+    store: StudyStore, server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A process that was never connected reports the error immediately."""
     server.accept(False)
     server.close_connections()
     threading.Timer(0.5, server.accept, [True]).start()
-    with pytest.raises(StudyError, match="not currently accepting connections"), Store(store.folder):
+    with pytest.raises(StudyError, match="not currently accepting connections"), StudyStore(store.folder):
         pass
-    assert store.participants() == []
+    assert store.read_participants() == []
     monkeypatch.setattr(database, "RECONNECT_TIMEOUT_S", 0.1)
     server.accept(False)
     server.close_connections()
     with pytest.raises(LostConnectionError, match="not currently accepting connections"):
-        store.participants()
+        store.read_participants()
     server.accept(True)

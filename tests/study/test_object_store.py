@@ -12,21 +12,21 @@ import typer
 pytest.importorskip("boto3", reason="the object store is an extra")
 pytest.importorskip("moto", reason="moto is a package for developers")
 
-from avrgym.analysis.study import analyse_study
+from avrgym.analysis.study_analysis import analyse_study
 from avrgym.cli.replay import replay
-from avrgym.recording.answers_file import answers_path, append_answer, read_answers
+from avrgym.recording.answers_file import append_answer, get_answers_path, read_answers
 from avrgym.recording.schema import Answer
-from avrgym.study.checking.checks import check_object_store, check_orphaned_files, check_participants
+from avrgym.study.checking.study_checks import check_object_store, check_orphaned_files, check_participants
 from avrgym.study.export import export_study
 from avrgym.study.export.participant_archive import write_participant_archive
-from avrgym.study.merge.merging import merge_studies
-from avrgym.study.people.deletion import delete_participant
-from avrgym.study.sessions.threads import SessionMonitor
-from avrgym.study.sessions.visit import EventRecorder, StudyVisit
+from avrgym.study.merge.study_merge import merge_studies
+from avrgym.study.people.participant_deletion import delete_participant
+from avrgym.study.sessions.session_threads import SessionMonitor
+from avrgym.study.sessions.study_visit import EventRecorder, StudyVisit
 from avrgym.study.storage.object_store import OBJECT_STORE_VARIABLE, ObjectStore
-from avrgym.study.storage.remote_recordings import RecordingUploads, fetch_recordings
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.remote_recordings import RecordingUploader, fetch_recordings
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from avrgym.vr.session.events import Answered, TrialBegun, TrialEnded
 from helpers.studies.object_store_server import ADDRESS, object_store_server, set_object_store
 from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
@@ -49,12 +49,12 @@ def server(port: int) -> Iterator[None]:
 @pytest.fixture
 def uploaded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, port: int, server: None
-) -> Iterator[tuple[Store, dict[str, bytes]]]:
+) -> Iterator[tuple[StudyStore, dict[str, bytes]]]:
     """A study with two participants, whose recordings are only in the object store, and the contents of its files."""
     set_object_store(monkeypatch, port)
     monkeypatch.setenv(OBJECT_STORE_VARIABLE, f"{ADDRESS}/{tmp_path.name}")
-    with Store(small_study(tmp_path / "study")) as store:
-        with RecordingUploads(store):
+    with StudyStore(small_study(tmp_path / "study")) as store:
+        with RecordingUploader(store):
             for _ in range(2):
                 run_participant(store, enrol_with_consent(store), 2)
         files = _files(store)
@@ -62,18 +62,18 @@ def uploaded(
         yield store, files
 
 
-def _files(store: Store) -> dict[str, bytes]:
+def _files(store: StudyStore) -> dict[str, bytes]:
     found = (path for path in (store.folder / "recordings").rglob("*") if path.is_file())
     return {path.relative_to(store.folder).as_posix(): path.read_bytes() for path in found}
 
 
-def _errors(store: Store) -> list[str]:
+def _errors(store: StudyStore) -> list[str]:
     checks = (check_object_store, check_participants, check_orphaned_files)
     return [str(each) for check in checks for each in check(store) if each.is_error]
 
 
 def test_a_check_finds_every_recording_in_the_object_store(
-    uploaded: tuple[Store, dict[str, bytes]],
+    uploaded: tuple[StudyStore, dict[str, bytes]],
 ) -> None:
     store, files = uploaded
     assert len(files) == 4
@@ -83,7 +83,7 @@ def test_a_check_finds_every_recording_in_the_object_store(
 
 
 def test_analysis_archive_and_merge_read_recordings_of_the_object_store(
-    uploaded: tuple[Store, dict[str, bytes]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    uploaded: tuple[StudyStore, dict[str, bytes]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store, files = uploaded
     assert export_study(store, "csv", tmp_path / "csv") > 0
@@ -103,14 +103,14 @@ def test_analysis_archive_and_merge_read_recordings_of_the_object_store(
     monkeypatch.delenv(OBJECT_STORE_VARIABLE)
     shutil.rmtree(store.folder / "recordings")
     merge_studies([store.folder], tmp_path / "merged")
-    with Store(tmp_path / "merged") as merged:
+    with StudyStore(tmp_path / "merged") as merged:
         assert merged.object_store is None
         assert len(_files(merged)) == len(files)
 
 
 @pytest.mark.slow
 def test_a_report_and_a_verification_read_recordings_of_the_object_store(
-    uploaded: tuple[Store, dict[str, bytes]],
+    uploaded: tuple[StudyStore, dict[str, bytes]],
 ) -> None:
     store, files = uploaded
     analysed = analyse_study(store)
@@ -122,13 +122,15 @@ def test_a_report_and_a_verification_read_recordings_of_the_object_store(
     assert _files(store)[name] == files[name]
 
 
-def test_answers_that_follow_are_uploaded_and_downloaded(uploaded: tuple[Store, dict[str, bytes]]) -> None:
+def test_answers_that_follow_are_uploaded_and_downloaded(
+    uploaded: tuple[StudyStore, dict[str, bytes]],
+) -> None:
     store, _ = uploaded
     fetch_recordings(store)
-    recording = store.absolute_path(store.attempts("sub-001")[0].recording)
+    recording = store.resolve_path(store.read_attempts("sub-001")[0].recording)
     for value in (1, 2):
         append_answer(recording, Answer("L1", value, 1.0))
-        with RecordingUploads(store):
+        with RecordingUploader(store):
             pass
     shutil.rmtree(recording.parent)
     fetch_recordings(store)
@@ -136,7 +138,7 @@ def test_answers_that_follow_are_uploaded_and_downloaded(uploaded: tuple[Store, 
 
 
 def test_other_files_of_the_object_store_are_ignored(
-    uploaded: tuple[Store, dict[str, bytes]], tmp_path: Path
+    uploaded: tuple[StudyStore, dict[str, bytes]], tmp_path: Path
 ) -> None:
     store, files = uploaded
     other = tmp_path / "other"
@@ -147,19 +149,19 @@ def test_other_files_of_the_object_store_are_ignored(
         "recordings/study.toml",
         "recordings/sub-001/x.mcap",
     ):
-        store.object_store.upload(name, other)
+        store.object_store.upload_file(name, other)
     fetch_recordings(store)
     assert _files(store) == files
     assert (store.folder / "study.toml").stat().st_size < 100_000
 
 
 def test_a_deletion_removes_recordings_from_the_object_store(
-    uploaded: tuple[Store, dict[str, bytes]],
+    uploaded: tuple[StudyStore, dict[str, bytes]],
 ) -> None:
     store, files = uploaded
     delete_participant(store, "sub-001")
     assert store.object_store is not None
-    assert store.object_store.sizes().keys() == {name for name in files if "sub-002" in name}
+    assert store.object_store.list_file_sizes().keys() == {name for name in files if "sub-002" in name}
     assert _errors(store) == []
 
 
@@ -169,40 +171,47 @@ def test_an_unreachable_object_store_delays_uploads_and_loses_nothing(
     port, told = free_port(), list[str]()
     set_object_store(monkeypatch, port)
     monkeypatch.setattr("avrgym.study.storage.remote_recordings.UPLOAD_INTERVAL_S", 0.05)
-    with Store(small_study(tmp_path / "study")) as store:
-        with RecordingUploads(store, told.append):
+    with StudyStore(small_study(tmp_path / "study")) as store:
+        with RecordingUploader(store, told.append):
             run_participant(store, enrol_with_consent(store), 1)
         assert len(told) == 1
         assert f"the object store {ADDRESS} cannot be used" in told[0]
         assert any("the object store" in each for each in _errors(store))
         files = _files(store)
         with object_store_server(port):
-            with RecordingUploads(store, told.append):
+            with RecordingUploader(store, told.append):
                 pass
             assert store.object_store is not None
-            assert store.object_store.sizes() == {name: len(content) for name, content in files.items()}
+            assert store.object_store.list_file_sizes() == {
+                name: len(content) for name, content in files.items()
+            }
             assert _errors(store) == []
         assert _files(store) == files
 
 
 def test_recordings_of_a_temporary_copy_are_uploaded_before_their_attempts_end(
-    uploaded: tuple[Store, dict[str, bytes]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    uploaded: tuple[StudyStore, dict[str, bytes]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The folder may be lost with its computer as soon as the attempt is stored."""
-    with Store(small_study(tmp_path / "copy"), temporary=True) as store:
+    with StudyStore(small_study(tmp_path / "copy"), temporary=True) as store:
         pseudonym, states = enrol_with_consent(store), list[str]()
         remote = store.object_store
         assert remote is not None
 
         def upload(name: str, path: Path) -> int:
-            states.append(store.attempts(pseudonym)[-1].state)
-            return ObjectStore.upload(remote, name, path)
+            states.append(store.read_attempts(pseudonym)[-1].state)
+            return ObjectStore.upload_file(remote, name, path)
 
-        monkeypatch.setattr(remote, "upload", upload)
-        with StudyVisit(store, pseudonym) as visit, closing(SessionMonitor(store, visit.stored.id)) as watch:
-            record_event = EventRecorder(store, visit.stored, visit.trials, watch)
+        monkeypatch.setattr(remote, "upload_file", upload)
+        with (
+            StudyVisit(store, pseudonym) as visit,
+            closing(SessionMonitor(store, visit.stored_session.id)) as watch,
+        ):
+            record_event = EventRecorder(store, visit.stored_session, visit.trials, watch)
             number = 1 + next(index for index, trial in enumerate(visit.trials) if not trial.practice)
-            recording = store.absolute_path(f"{visit.stored.recordings_folder}/trial-02_attempt-1.mcap")
+            recording = store.resolve_path(
+                f"{visit.stored_session.recordings_folder}/trial-02_attempt-1.mcap"
+            )
             recording.parent.mkdir(parents=True)
             recording.write_bytes(next(iter(uploaded[1].values())))
             record_event(TrialBegun(0.0, number, 1, recording))
@@ -211,15 +220,15 @@ def test_recordings_of_a_temporary_copy_are_uploaded_before_their_attempts_end(
             append_answer(recording, answer)
             record_event(Answered(5.0, number, 1, answer))
         assert states == ["running", "completed", "completed"]
-        for path in (recording, answers_path(recording)):
-            assert remote.sizes()[path.relative_to(store.folder).as_posix()] == path.stat().st_size
+        for path in (recording, get_answers_path(recording)):
+            assert remote.list_file_sizes()[path.relative_to(store.folder).as_posix()] == path.stat().st_size
 
 
 def test_a_missing_extra_names_its_installation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     set_object_store(monkeypatch, 1)
     monkeypatch.setitem(sys.modules, "boto3", None)
     with (
-        Store(small_study(tmp_path / "study")) as store,
+        StudyStore(small_study(tmp_path / "study")) as store,
         pytest.raises(StudyError, match=r"boto3 is missing; run `pip install 'avrgym\[s3\]'`"),
     ):
         fetch_recordings(store)
@@ -229,4 +238,4 @@ def test_a_missing_extra_names_its_installation(tmp_path: Path, monkeypatch: pyt
 def test_other_addresses_are_rejected(url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(OBJECT_STORE_VARIABLE, url)
     with pytest.raises(StudyError, match="allowed: s3://bucket/folder"):
-        Store(small_study(tmp_path / "study"))
+        StudyStore(small_study(tmp_path / "study"))

@@ -9,19 +9,25 @@ import pytest
 from avrgym.recording import answers_file
 from avrgym.recording.reader import read_recording
 from avrgym.recording.schema import Answer
-from avrgym.study.checking.checks import check_study
-from avrgym.study.checking.rebuilding import rebuild_study
-from avrgym.study.checking.summary import summarise_study
-from avrgym.study.dashboard.views import participant_view
-from avrgym.study.people.participants import withdraw
+from avrgym.study.checking.database_rebuild import rebuild_study_database
+from avrgym.study.checking.study_checks import check_study
+from avrgym.study.checking.study_summary import summarise_study
+from avrgym.study.dashboard.displayed_data import make_displayed_participant
+from avrgym.study.people.participants import withdraw_participant
 from avrgym.study.storage import database
 from avrgym.study.storage.answers import (
-    attempts_with_open_questionnaire,
     change_trial_answer,
+    find_attempts_with_open_questionnaire,
     reconcile_answers,
 )
-from avrgym.study.storage.store import Store
-from avrgym.vr.protocol.messages import Back, Command, Entered, ParticipantDisconnected, Ready
+from avrgym.study.storage.store import StudyStore
+from avrgym.vr.protocol.messages import (
+    ExperimenterCommand,
+    ParticipantDisconnected,
+    ParticipantReady,
+    PreviousQuestionRequest,
+    VrEntered,
+)
 from helpers.studies.server_days import ANSWERS, ServerDay, kill_server_in
 from helpers.studies.small_studies import enrol_with_consent, make_study
 
@@ -34,16 +40,16 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def left(folder: Path) -> Iterator[Callable[[], tuple[Store, str]]]:
+def left(folder: Path) -> Iterator[Callable[[], tuple[StudyStore, str]]]:
     """A study with two of four questions answered after the first trial when the server stops."""
-    stores: list[Store] = []
+    stores: list[StudyStore] = []
 
-    def leave() -> tuple[Store, str]:
-        store = Store(folder)
+    def leave() -> tuple[StudyStore, str]:
+        store = StudyStore(folder)
         stores.append(store)
         pseudonym = enrol_with_consent(store)
         day = ServerDay(store, pseudonym)
-        day.send(Entered())
+        day.send(VrEntered())
         day.run_until("questionnaire")
         day.answer(2)
         day.end()
@@ -55,52 +61,52 @@ def left(folder: Path) -> Iterator[Callable[[], tuple[Store, str]]]:
 
 
 @pytest.fixture
-def killed(folder: Path) -> Iterator[Callable[..., tuple[Store, str]]]:
+def killed(folder: Path) -> Iterator[Callable[..., tuple[StudyStore, str]]]:
     """A study after a kill of the server in a phase of the first trial."""
     with ExitStack() as opened:
 
-        def kill(phase: str, answers: int = 0, stored: int = 4) -> tuple[Store, str]:
-            with Store(folder) as store:
+        def kill(phase: str, answers: int = 0, stored: int = 4) -> tuple[StudyStore, str]:
+            with StudyStore(folder) as store:
                 pseudonym = enrol_with_consent(store, simulated=False)
             kill_server_in(folder, pseudonym, phase, answers, stored)
-            return opened.enter_context(Store(folder)), pseudonym
+            return opened.enter_context(StudyStore(folder)), pseudonym
 
         yield kill
 
 
-def values(store: Store, pseudonym: str) -> dict[str, int]:
-    return {each.item: each.value for each in store.answers(pseudonym)}
+def values(store: StudyStore, pseudonym: str) -> dict[str, int]:
+    return {each.item: each.value for each in store.read_answers(pseudonym)}
 
 
-def words(store: Store) -> list[str]:
+def words(store: StudyStore) -> list[str]:
     return [finding.message for finding in check_study(store) if "policy" not in finding.where]
 
 
 @pytest.mark.slow
-def test_open_questionnaire_is_answered_the_next_day(left: Callable[[], tuple[Store, str]]) -> None:
+def test_open_questionnaire_is_answered_the_next_day(left: Callable[[], tuple[StudyStore, str]]) -> None:
     store, pseudonym = left()
-    (attempt,) = store.attempts(pseudonym)
+    (attempt,) = store.read_attempts(pseudonym)
     assert attempt.state == "completed"
-    assert store.trials(pseudonym)[0].state == "completed"
-    assert [each.id for each in attempts_with_open_questionnaire(store, [attempt])] == [attempt.id]
+    assert store.read_trials(pseudonym)[0].state == "completed"
+    assert [each.id for each in find_attempts_with_open_questionnaire(store, [attempt])] == [attempt.id]
     assert any("questionnaire is open: no answer to L3, L4" in each for each in words(store))
     assert not any(finding.is_error for finding in check_study(store) if "L3" in finding.message)
     assert summarise_study(store).participants[0].questionnaires_open == 1
-    assert participant_view(store, pseudonym).trials[0].questionnaire_open
+    assert make_displayed_participant(store, pseudonym).trials[0].questionnaire_open
 
     day = ServerDay(store, pseudonym)
     assert (day.phase, day.question().item) == ("questionnaire", "L3")
-    day.send(Back())
+    day.send(PreviousQuestionRequest())
     assert day.question().previous_answer == 2
     day.answer(3)
-    day.send(Ready())
+    day.send(ParticipantReady())
     day.run_until("waiting")
-    day.send(Entered())
+    day.send(VrEntered())
     day.run_until("free_before")
-    assert len(store.attempts(pseudonym)) == 2
-    assert store.attempts(pseudonym)[1].trial != attempt.trial
+    assert len(store.read_attempts(pseudonym)) == 2
+    assert store.read_attempts(pseudonym)[1].trial != attempt.trial
     assert values(store, pseudonym) == ANSWERS
-    recording = read_recording(store.absolute_path(attempt.recording))
+    recording = read_recording(store.resolve_path(attempt.recording))
     assert {answer.item: answer.value for _, answer in recording.messages_by_topic["/answers"]} == ANSWERS
     day.end()
     assert not any(attempt.recording == each.where for each in check_study(store))
@@ -108,56 +114,56 @@ def test_open_questionnaire_is_answered_the_next_day(left: Callable[[], tuple[St
 
 
 @pytest.mark.slow
-def test_rebuild_contains_late_answers(left: Callable[[], tuple[Store, str]]) -> None:
+def test_rebuild_contains_late_answers(left: Callable[[], tuple[StudyStore, str]]) -> None:
     store, pseudonym = left()
     day = ServerDay(store, pseudonym)
     day.answer(2)
-    day.send(Ready())
+    day.send(ParticipantReady())
     day.end()
     folder = store.folder
-    (attempt,) = store.attempts(pseudonym)
-    late = answers_file.answer_timestamps(folder / attempt.recording)
+    (attempt,) = store.read_attempts(pseudonym)
+    late = answers_file.read_answer_timestamps(folder / attempt.recording)
     store.close()
-    for path in folder.glob(f"{database.FILE}*"):
+    for path in folder.glob(f"{database.DATABASE_FILE}*"):
         path.unlink()
-    rebuilt = rebuild_study(folder)
+    rebuilt = rebuild_study_database(folder)
     assert (rebuilt.attempt_count, rebuilt.answer_count) == (1, 4)
-    with Store(folder) as again:
+    with StudyStore(folder) as again:
         assert values(again, pseudonym) == ANSWERS
         assert late.keys() < ANSWERS.keys()
-        assert late.items() <= {each.item: each.answered_at for each in again.answers(pseudonym)}.items()
-        assert again.trials(pseudonym)[0].state == "completed"
-        assert attempts_with_open_questionnaire(again, again.attempts(pseudonym)) == []
+        assert late.items() <= {each.item: each.answered_at for each in again.read_answers(pseudonym)}.items()
+        assert again.read_trials(pseudonym)[0].state == "completed"
+        assert find_attempts_with_open_questionnaire(again, again.read_attempts(pseudonym)) == []
 
 
-def test_rebuild_keeps_a_questionnaire_open(left: Callable[[], tuple[Store, str]]) -> None:
+def test_rebuild_keeps_a_questionnaire_open(left: Callable[[], tuple[StudyStore, str]]) -> None:
     store, pseudonym = left()
     folder = store.folder
     store.close()
-    for path in folder.glob(f"{database.FILE}*"):
+    for path in folder.glob(f"{database.DATABASE_FILE}*"):
         path.unlink()
-    rebuild_study(folder)
-    with Store(folder) as again:
-        assert len(attempts_with_open_questionnaire(again, again.attempts(pseudonym))) == 1
+    rebuild_study_database(folder)
+    with StudyStore(folder) as again:
+        assert len(find_attempts_with_open_questionnaire(again, again.read_attempts(pseudonym))) == 1
 
 
 @pytest.mark.slow
-def test_skipped_items_are_missing(left: Callable[[], tuple[Store, str]]) -> None:
+def test_skipped_items_are_missing(left: Callable[[], tuple[StudyStore, str]]) -> None:
     store, pseudonym = left()
     day = ServerDay(store, pseudonym)
-    day.send(Command("skip"))
+    day.send(ExperimenterCommand("skip"))
     day.tick()
     day.end()
-    (attempt,) = store.attempts(pseudonym)
-    assert attempts_with_open_questionnaire(store, [attempt]) == []
+    (attempt,) = store.read_attempts(pseudonym)
+    assert find_attempts_with_open_questionnaire(store, [attempt]) == []
     assert attempt.state == "completed"
     assert any("questionnaire was skipped: no answer to L3, L4" in each for each in words(store))
 
 
-def test_withdrawal_leaves_the_questionnaire_unanswered(left: Callable[[], tuple[Store, str]]) -> None:
+def test_withdrawal_leaves_the_questionnaire_unanswered(left: Callable[[], tuple[StudyStore, str]]) -> None:
     store, pseudonym = left()
-    withdraw(store, pseudonym, "")
-    assert [each.state for each in store.attempts(pseudonym)] == ["completed"]
+    withdraw_participant(store, pseudonym, "")
+    assert [each.state for each in store.read_attempts(pseudonym)] == ["completed"]
     assert values(store, pseudonym) == {"L1": 1, "L2": 2}
     assert not any(finding.is_error for finding in check_study(store) if "L3" in finding.message)
 
@@ -165,43 +171,43 @@ def test_withdrawal_leaves_the_questionnaire_unanswered(left: Callable[[], tuple
 @pytest.mark.slow
 def test_completion_waits_for_the_last_answers(folder: Path) -> None:
     """The participant is completed only after the last answer."""
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         pseudonym = enrol_with_consent(store)
         day = ServerDay(store, pseudonym)
-        day.send(Entered())
-        for _ in store.trials(pseudonym)[1:]:
+        day.send(VrEntered())
+        for _ in store.read_trials(pseudonym)[1:]:
             day.run_until("questionnaire")
             day.answer(4)
-            day.send(Ready())
+            day.send(ParticipantReady())
             day.tick()
         day.run_until("questionnaire")
         day.answer(1)
         day.send(ParticipantDisconnected())
         day.tick()
         day.end()
-        assert store.remaining_trials(pseudonym) == []
-        assert store.participant(pseudonym).state == "allocated"
+        assert store.read_remaining_trials(pseudonym) == []
+        assert store.read_participant(pseudonym).state == "allocated"
         last = ServerDay(store, pseudonym)
         for _ in range(30):
             last.tick()  # the status is sent, too
         last.answer(3)
-        last.send(Ready())
+        last.send(ParticipantReady())
         last.run_until("over")
         last.end()
-        assert store.participant(pseudonym).state == "completed"
-        assert len(store.answers(pseudonym)) == 4 * len(store.trials(pseudonym))
+        assert store.read_participant(pseudonym).state == "completed"
+        assert len(store.read_answers(pseudonym)) == 4 * len(store.read_trials(pseudonym))
 
 
 # After kill -9 -----------------------------------------------------------------------------------------------
 
 
-def assert_completed_with(store: Store, pseudonym: str, answers: dict[str, int]) -> None:
+def assert_completed_with(store: StudyStore, pseudonym: str, answers: dict[str, int]) -> None:
     """Assert that the first trial is completed with these answers in database and recording."""
-    (attempt,) = store.attempts(pseudonym)
-    assert (attempt.state, store.trials(pseudonym)[0].state) == ("completed", "completed")
+    (attempt,) = store.read_attempts(pseudonym)
+    assert (attempt.state, store.read_trials(pseudonym)[0].state) == ("completed", "completed")
     assert (attempt.metrics.steps, values(store, pseudonym)) == (3, answers)
-    recording = read_recording(store.absolute_path(attempt.recording))
-    assert (recording.complete, recording.result) == (True, "completed")
+    recording = read_recording(store.resolve_path(attempt.recording))
+    assert (recording.is_complete, recording.result) == (True, "completed")
     assert {answer.item: answer.value for _, answer in recording.messages_by_topic["/answers"]} == answers
     assert [each.message for each in check_study(store) if each.is_error and "policy" not in each.where] == []
 
@@ -218,7 +224,7 @@ def assert_completed_with(store: Store, pseudonym: str, answers: dict[str, int])
     ],
 )
 def test_trial_killed_after_the_robot_finished_counts(
-    killed: Callable[..., tuple[Store, str]], phase: str, answers: int, stored: int
+    killed: Callable[..., tuple[StudyStore, str]], phase: str, answers: int, stored: int
 ) -> None:
     """It counts even if the last answer was not yet in the database."""
     store, pseudonym = killed(phase, answers, stored)
@@ -229,7 +235,7 @@ def test_trial_killed_after_the_robot_finished_counts(
     assert_completed_with(store, pseudonym, given)
     if answers < len(ANSWERS):
         day.answer(len(ANSWERS) - answers)
-        day.send(Ready())
+        day.send(ParticipantReady())
     day.run_until("waiting")
     assert_completed_with(store, pseudonym, ANSWERS)
     day.end()
@@ -237,34 +243,34 @@ def test_trial_killed_after_the_robot_finished_counts(
 
 @pytest.mark.slow
 def test_trial_killed_before_the_robot_finished_is_repeated(
-    killed: Callable[..., tuple[Store, str]],
+    killed: Callable[..., tuple[StudyStore, str]],
 ) -> None:
     store, pseudonym = killed("trial")
     day = ServerDay(store, pseudonym)
     assert day.phase == "waiting"
-    assert [each.state for each in store.attempts(pseudonym)] == ["interrupted"]
-    assert store.trials(pseudonym)[0].state == "planned"
+    assert [each.state for each in store.read_attempts(pseudonym)] == ["interrupted"]
+    assert store.read_trials(pseudonym)[0].state == "planned"
     day.end()
 
 
 @pytest.mark.slow
-def test_rebuild_from_a_truncated_recording(killed: Callable[..., tuple[Store, str]]) -> None:
+def test_rebuild_from_a_truncated_recording(killed: Callable[..., tuple[StudyStore, str]]) -> None:
     store, pseudonym = killed("questionnaire", 2, 1)
     folder = store.folder
     store.close()
-    for path in folder.glob(f"{database.FILE}*"):
+    for path in folder.glob(f"{database.DATABASE_FILE}*"):
         path.unlink()
-    rebuild_study(folder)
-    with Store(folder) as again:
-        assert again.trials(pseudonym)[0].state == "completed"
-        assert len(attempts_with_open_questionnaire(again, again.attempts(pseudonym))) == 1
+    rebuild_study_database(folder)
+    with StudyStore(folder) as again:
+        assert again.read_trials(pseudonym)[0].state == "completed"
+        assert len(find_attempts_with_open_questionnaire(again, again.read_attempts(pseudonym))) == 1
 
 
 @pytest.mark.slow
-def test_answers_agree_after_a_kill(left: Callable[[], tuple[Store, str]]) -> None:
+def test_answers_agree_after_a_kill(left: Callable[[], tuple[StudyStore, str]]) -> None:
     """Recording or database lacks the last change of an answer."""
     store, pseudonym = left()
-    (attempt,) = store.attempts(pseudonym)
+    (attempt,) = store.read_attempts(pseudonym)
     change_trial_answer(store, attempt.id, Answer("L2", 4, 1.0))
     recorded = [
         Answer("L1", 1, 1.0),

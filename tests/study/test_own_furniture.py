@@ -10,16 +10,16 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.models.furniture.real_furniture import FurniturePoint, RealFurniture
-from avrgym.study.dashboard.application import dashboard_app
-from avrgym.study.dashboard.views import participant_view
-from avrgym.study.people.furniture import furniture_of, record_furniture
-from avrgym.study.sessions.serving import StudySessions
-from avrgym.study.sessions.visit import StudyVisit, plan_session
+from avrgym.study.dashboard.application import make_dashboard_app
+from avrgym.study.dashboard.displayed_data import make_displayed_participant
+from avrgym.study.people.furniture import read_own_furniture, record_own_furniture
+from avrgym.study.sessions.study_sessions import StudySessions
+from avrgym.study.sessions.study_visit import StudyVisit, plan_session
 from avrgym.study.storage import database
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from avrgym.vr.emulation.emulated_headset import EmulatedHeadset
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
-from avrgym.vr.protocol.messages import MarkPoint, XRPose
+from avrgym.vr.protocol.messages import FurniturePointMark, XRPose
 from avrgym.vr.server.live_server import LiveServer
 from helpers.browser.accessibility import violations
 from helpers.browser.journey import TIMEOUT_S, skip_drawing, wait_for_phase
@@ -35,15 +35,15 @@ def sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_own_furniture_applies_in_the_sessions_of_its_owner_only(tmp_path: Path) -> None:
     """It replaces the station's furniture; another participant gets that of the station."""
     own, station = RealFurniture(seat_height_m=0.6, mattress_back_deg=30.0), RealFurniture(seat_height_m=0.4)
-    with Store(small_study(tmp_path)) as store:
+    with StudyStore(small_study(tmp_path)) as store:
         owner, other = (enrol_with_consent(store) for _ in range(2))
-        record_furniture(store, owner, RealFurniture(seat_height_m=0.5))
-        record_furniture(store, owner, own)
+        record_own_furniture(store, owner, RealFurniture(seat_height_m=0.5))
+        record_own_furniture(store, owner, own)
         assert (plan_session(store, owner).furniture, plan_session(store, other).furniture) == (
             own,
             store.design.furniture,
         )
-        assert participant_view(store, owner).furniture == own
+        assert make_displayed_participant(store, owner).furniture == own
         for name, expected in ((owner, own), (other, station)):
             sessions = StudySessions(store, lambda _: None, first=name, furniture=station)
             assert sessions._session is not None
@@ -53,12 +53,12 @@ def test_own_furniture_applies_in_the_sessions_of_its_owner_only(tmp_path: Path)
 
 def test_an_experimenter_measures_it_with_a_controller(tmp_path: Path) -> None:
     """Without a controller and with impossible points nothing changes. Then the participant is measured again."""
-    with Store(small_study(tmp_path / "study")) as store:
+    with StudyStore(small_study(tmp_path / "study")) as store:
         name = enrol_with_consent(store)
         with StudyVisit(store, name) as visit:
-            plan = visit.plan_trials()
+            plan = visit.plan_remaining_trials()
             attended = Visit(tmp_path, plan, make=lambda send: visit.create_session(plan, send))
-            attended.send(MarkPoint("front"))
+            attended.send(FurniturePointMark("front"))
             assert "no controller is tracked" in attended.problems[-1]
             attended.go_to("calibration")
             attended.session._state.set_torso_height(0.55)
@@ -69,7 +69,9 @@ def test_an_experimenter_measures_it_with_a_controller(tmp_path: Path) -> None:
                 for point, height_m, back_m in points:
                     touched = (0.1, top_m if point == "top" else height_m, back_m)
                     pose = XRPose(touched, (0.0, 0.0, 0.0, 1.0))
-                    attended.send(msgspec.structs.replace(attended.frame(), right=pose), MarkPoint(point))
+                    attended.send(
+                        msgspec.structs.replace(attended.frame(), right=pose), FurniturePointMark(point)
+                    )
                     if top_m < 1.0:
                         assert attended.session.plan.furniture == store.design.furniture
                 if top_m < 1.0:
@@ -79,7 +81,7 @@ def test_an_experimenter_measures_it_with_a_controller(tmp_path: Path) -> None:
                 "measured: 0.5 m high, 0.404 m deep, back at 79.9°, tilted by 8.5°" in attended.problems[-1]
             )
             attended.leave()
-        measured = furniture_of(store, name)
+        measured = read_own_furniture(store, name)
         assert measured is not None
         assert measured.seat_tilt_deg == pytest.approx(8.53, abs=0.01)
         assert plan_session(store, name).furniture == measured
@@ -97,25 +99,25 @@ def test_an_experimenter_measures_it_on_the_dashboard_in_a_browser(tmp_path: Pat
         "Top of the back": (1.0, 0.5),
     }
     with (
-        Store(small_study(tmp_path / "study")) as store,
+        StudyStore(small_study(tmp_path / "study")) as store,
         ThreadPoolExecutor(1) as workers,
         LiveServer(
             lambda send: StudySessions(store, send, workers, first=enrol_with_consent(store)),
             "127.0.0.1",
             0,
-            study=lambda tokens, sessions: dashboard_app(store, tokens, sessions),
+            study=lambda tokens, sessions: make_dashboard_app(store, tokens, sessions),
         ) as server,
         EmulatedHeadset(server.participant_url, 320, 180) as headset,
     ):
         skip_drawing(headset)
         participant = SimulatedParticipant(sample_participant_traits("woman", 5), 5)
-        headset.set_poses(participant.tracking_frame(0.0, moving=False))
+        headset.set_poses(participant.make_tracking_frame(0.0, moving=False))
         headset.enter_vr()
         wait_for_phase(headset, "calibration")
         browser = headset.page.context.browser
         assert browser is not None
         dashboard = browser.new_page()
-        dashboard.goto(server.page_urls("dashboard?detail=light", server.tokens.experimenter)[0])
+        dashboard.goto(server.list_page_urls("dashboard?detail=light", server.tokens.experimenter)[0])
         dashboard.get_by_text("Measure seat or bed with a controller").click()
         assert violations(dashboard) == []
         for label, (height_m, back_m) in buttons.items():
@@ -126,8 +128,8 @@ def test_an_experimenter_measures_it_on_the_dashboard_in_a_browser(tmp_path: Pat
             seen = f"{height_m:.2f} m above" if label != "Top of the back" else "measured: 0.5 m high"
             expect(dashboard.get_by_text(seen)).to_be_visible()
         dashboard.screenshot(path=tmp_path / "measured.png", full_page=True)
-        (name,) = (each.pseudonym for each in store.participants())
-        measured = furniture_of(store, name)
+        (name,) = (each.pseudonym for each in store.read_participants())
+        measured = read_own_furniture(store, name)
     assert measured is not None
     assert measured.describe(seated=True) == (
         "0.5 m high, 0.404 m deep, back at 79.9°, tilted by 8.5°, headrest 0.051 m in front"
@@ -135,7 +137,7 @@ def test_an_experimenter_measures_it_on_the_dashboard_in_a_browser(tmp_path: Pat
 
 
 def test_the_command_line_stores_measures_and_refuses_impossible_ones(tmp_path: Path) -> None:
-    with Store(small_study(tmp_path)) as store:
+    with StudyStore(small_study(tmp_path)) as store:
         name = enrol_with_consent(store)
         for change, words in (
             ("seat_height_m=3", "allowed: 0.3 to 0.7"),
@@ -144,7 +146,7 @@ def test_the_command_line_stores_measures_and_refuses_impossible_ones(tmp_path: 
             refused = CliRunner().invoke(app, ["study", "furniture", str(tmp_path), name, "--set", change])
             assert refused.exit_code == 1
             assert words in " ".join(refused.output.split())
-        assert furniture_of(store, name) is None
+        assert read_own_furniture(store, name) is None
         arguments = ["study", "furniture", str(tmp_path), name, "--set", "seat_back_deg=80"]
         assert CliRunner().invoke(app, arguments).exit_code == 0
-        assert furniture_of(store, name) == RealFurniture(seat_back_deg=80.0)
+        assert read_own_furniture(store, name) == RealFurniture(seat_back_deg=80.0)

@@ -14,27 +14,27 @@ from typer.testing import CliRunner
 
 from avrgym.cli import app
 from avrgym.recording.schema import Answer
+from avrgym.study.export.event_tables import DEFAULT_EXPORT_OPTIONS, make_event_rows
 from avrgym.study.export.participant_archive import FILE_DESCRIPTIONS, write_participant_archive
-from avrgym.study.export.records import DEFAULT_EXPORT_OPTIONS, event_rows
-from avrgym.study.merge.merging import merge_studies
+from avrgym.study.merge.study_merge import merge_studies
 from avrgym.study.people.adverse_events import record_adverse_event
-from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people.participant_deletion import delete_participant
 from avrgym.study.people.participants import add_note, set_identity
 from avrgym.study.storage import identity_file
 from avrgym.study.storage.answers import change_trial_answer, record_trial_answer
 from avrgym.study.storage.attempts import begin_attempt, end_incomplete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.small_studies import enrol_with_consent, record, run_participant, small_study
 
 OTHERS = ("Zora", "zora-note", "zora-event", "sub-002")
 
 
-def change_an_answer(store: Store, pseudonym: str) -> None:
+def change_an_answer(store: StudyStore, pseudonym: str) -> None:
     """Change an answer; its event has a session and no participant."""
     session = open_session(store, pseudonym)
-    trial = store.remaining_trials(pseudonym)[0]
+    trial = store.read_remaining_trials(pseudonym)[0]
     attempt = begin_attempt(store, session.id, trial.position)
     record(store, attempt, trial, simulated=False)
     for value in (3, 4):
@@ -46,9 +46,9 @@ def change_an_answer(store: Store, pseudonym: str) -> None:
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
+def store(tmp_path: Path) -> Iterator[StudyStore]:
     """Two participants with different data of all kinds."""
-    with Store(small_study(tmp_path / "study")) as opened:
+    with StudyStore(small_study(tmp_path / "study")) as opened:
         for name in ("Ada", "Zora"):
             pseudonym = enrol_with_consent(opened, simulated=False, name=name, contact=f"{name}@example.org")
             run_participant(opened, pseudonym, trials=2, simulated=False)
@@ -62,7 +62,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
 
 
 @pytest.fixture
-def archive(store: Store, tmp_path: Path) -> Iterator[ZipFile]:
+def archive(store: StudyStore, tmp_path: Path) -> Iterator[ZipFile]:
     write_participant_archive(store, "sub-001", tmp_path / "ada.zip")
     with ZipFile(tmp_path / "ada.zip") as opened:
         yield opened
@@ -72,13 +72,13 @@ def rows(archive: ZipFile, name: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(archive.read(name).decode("utf-8-sig"))))
 
 
-def test_archive_contains_all_data_of_a_participant(archive: ZipFile, store: Store) -> None:
+def test_archive_contains_all_data_of_a_participant(archive: ZipFile, store: StudyStore) -> None:
     assert b'"Ada"' in archive.read("identity.json")
     assert archive.read("inclusion.json")
     counts = {name: len(rows(archive, f"{name}.csv")) for name in ("participants", "trials", "notes")}
     assert counts == {"participants": 1, "trials": 5, "notes": 1}
-    assert len(rows(archive, "attempts.csv")) == len(store.attempts("sub-001"))
-    assert len(rows(archive, "answers.csv")) == len(store.answers("sub-001"))
+    assert len(rows(archive, "attempts.csv")) == len(store.read_attempts("sub-001"))
+    assert len(rows(archive, "answers.csv")) == len(store.read_answers("sub-001"))
     (event,) = rows(archive, "adverse_events.csv")
     assert (event["description"], event["recorded_by"]) == ("ada-event", "")
     names = [row["name"] for row in rows(archive, "events.csv")]
@@ -110,7 +110,7 @@ def test_index_and_codebook_are_complete(archive: ZipFile) -> None:
             assert heads == [row["column"] for row in codebook if f"{row['table']}.csv" == name]
 
 
-def test_archive_is_private_and_not_overwritten(store: Store, tmp_path: Path) -> None:
+def test_archive_is_private_and_not_overwritten(store: StudyStore, tmp_path: Path) -> None:
     path = tmp_path / "out.zip"
     result = CliRunner().invoke(
         app, ["study", "participant-data", str(store.folder), "sub-001", "--out", str(path)]
@@ -126,7 +126,7 @@ def test_archive_is_private_and_not_overwritten(store: Store, tmp_path: Path) ->
     assert not (tmp_path / "nobody.zip").exists()
 
 
-def test_command_reports_whether_the_name_is_included(store: Store, tmp_path: Path) -> None:
+def test_command_reports_whether_the_name_is_included(store: StudyStore, tmp_path: Path) -> None:
     merge_studies([store.folder], tmp_path / "merged")
     identity_file.remove_identity(store.folder, "sub-002")
     for folder, pseudonym, words in (
@@ -142,16 +142,17 @@ def test_command_reports_whether_the_name_is_included(store: Store, tmp_path: Pa
         assert ("identity.json" in ZipFile(out).namelist()) is ("without" not in words)
 
 
-def test_deletion_after_a_changed_answer(store: Store) -> None:
+def test_deletion_after_a_changed_answer(store: StudyStore) -> None:
     changed = [
         row
-        for row in event_rows(store, store.participants(), DEFAULT_EXPORT_OPTIONS)
+        for row in make_event_rows(store, store.read_participants(), DEFAULT_EXPORT_OPTIONS)
         if row.name == "answer changed"
     ]
     assert [row.participant for row in changed] == ["sub-001", "sub-002"]
     delete_participant(store, "sub-001")
-    assert [each.pseudonym for each in store.participants()] == ["sub-002"]
+    assert [each.pseudonym for each in store.read_participants()] == ["sub-002"]
     names = [
-        (row.participant, row.name) for row in event_rows(store, store.participants(), DEFAULT_EXPORT_OPTIONS)
+        (row.participant, row.name)
+        for row in make_event_rows(store, store.read_participants(), DEFAULT_EXPORT_OPTIONS)
     ]
     assert [pseudonym for pseudonym, name in names if name == "answer changed"] == ["sub-002"]

@@ -14,14 +14,14 @@ from playwright.sync_api import Page, expect, sync_playwright
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from avrgym.study.dashboard.application import dashboard_app
-from avrgym.study.dashboard.tokens import StudyTokens
+from avrgym.study.dashboard.application import make_dashboard_app
+from avrgym.study.dashboard.study_tokens import StudyTokens
 from avrgym.study.people.experimenters import ExperimenterTokens
-from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion
-from avrgym.study.sessions.links import session_links
-from avrgym.study.sessions.serving import StudySessions
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion_answers
+from avrgym.study.sessions.stored_session_links import load_session_links
+from avrgym.study.sessions.study_sessions import StudySessions
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from avrgym.texts.interface_texts import read_texts
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.protocol import messages
@@ -35,8 +35,8 @@ from avrgym.vr.server.session_links import (
     CodeError,
     SessionLinks,
     TooManyWrongCodesError,
-    new_link,
-    token_sha256,
+    compute_token_sha256,
+    generate_link_token,
 )
 from helpers.studies.small_studies import eligible_answers, enrol_with_consent, make_study
 from helpers.vr.received_states import decode_message
@@ -50,7 +50,7 @@ ENGLISH = Language("en", "ltr", {})
 class Served:
     """A study server like that of ``avrgym serve``."""
 
-    store: Store
+    store: StudyStore
     server: LiveServer[StudySessions]
 
     @property
@@ -60,8 +60,8 @@ class Served:
     @property
     def link(self) -> str:
         """The link of the running session."""
-        assert self.sessions.links.link is not None
-        return self.sessions.links.link
+        assert self.sessions.participant_links.current_link_token is not None
+        return self.sessions.participant_links.current_link_token
 
     def request(self, method: str, path: str, token: str, **options: Any) -> httpx.Response:
         headers = {"authorization": f"Bearer {token}"}
@@ -70,8 +70,8 @@ class Served:
 
 
 @contextmanager
-def serving(store: Store, folder: Path) -> Iterator[Served]:
-    links = session_links(store)
+def serving(store: StudyStore, folder: Path) -> Iterator[Served]:
+    links = load_session_links(store)
     with (
         ThreadPoolExecutor(1) as workers,
         ExperimenterTokens(store) as experimenters,
@@ -79,8 +79,8 @@ def serving(store: Store, folder: Path) -> Iterator[Served]:
             lambda send: StudySessions(store, send, workers, links=links),
             "127.0.0.1",
             0,
-            study=lambda tokens, sessions: dashboard_app(store, tokens, sessions),
-            tokens=StudyTokens.of_study(folder / "tokens.json", experimenters, links),
+            study=lambda tokens, sessions: make_dashboard_app(store, tokens, sessions),
+            tokens=StudyTokens.load_for_study(folder / "tokens.json", experimenters, links),
             links=links,
         ) as server,
     ):
@@ -88,22 +88,22 @@ def serving(store: Store, folder: Path) -> Iterator[Served]:
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
+def store(tmp_path: Path) -> Iterator[StudyStore]:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', robots='["Jaco"]', languages='["en", "de"]')
-    with Store(folder) as opened:
+    with StudyStore(folder) as opened:
         yield opened
 
 
 @pytest.fixture
-def served(store: Store, tmp_path: Path) -> Iterator[Served]:
+def served(store: StudyStore, tmp_path: Path) -> Iterator[Served]:
     with serving(store, tmp_path) as opened:
         yield opened
 
 
-def take_in_german(store: Store) -> str:
+def take_in_german(store: StudyStore) -> str:
     pseudonym = enrol_participant(store, "man", language="de")
     record_consent(store, pseudonym)
-    record_inclusion(store, pseudonym, eligible_answers(store))
+    record_inclusion_answers(store, pseudonym, eligible_answers(store))
     return pseudonym
 
 
@@ -111,7 +111,7 @@ def take_in_german(store: Store) -> str:
 def opened(served: Served, token: str, path: str = "/ws") -> Iterator[ClientConnection]:
     """A connected socket."""
     with connect(f"ws://127.0.0.1:{served.server.port}{path}", max_size=None) as socket:
-        socket.send(messages.encode(Hello(messages.PROTOCOL_VERSION, token, "test", emulated=True)))
+        socket.send(messages.encode_message(Hello(messages.PROTOCOL_VERSION, token, "test", emulated=True)))
         yield socket
 
 
@@ -161,16 +161,16 @@ def refused(served: Served, token: str, path: str = "/ws") -> tuple[int | None, 
 @pytest.mark.slow
 def test_link_opens_one_session(served: Served) -> None:
     german, other = take_in_german(served.store), enrol_with_consent(served.store)
-    served.sessions.begin(german)
+    served.sessions.begin_session(german)
     link = served.link
     assert identifier(served, link) == f"{german} ses-01"
     assert identifier(served, link) == f"{german} ses-01", "a page that is loaded again"
     with opened(served, link) as connected:
         assert isinstance(first(connected), Welcome)
-        served.sessions.withdraw(german, "")
+        served.sessions.withdraw_participant(german, "")
         assert closing(connected) == 4410
     assert refused(served, link) == (4410, "de")
-    served.sessions.begin(other)
+    served.sessions.begin_session(other)
     assert served.link != link
     assert refused(served, link) == (4410, "de")
     assert identifier(served, served.link) == f"{other} ses-01"
@@ -178,11 +178,11 @@ def test_link_opens_one_session(served: Served) -> None:
 
 def test_connected_client_receives_nothing_of_the_next_session(served: Served) -> None:
     pseudonym, other = enrol_with_consent(served.store), enrol_with_consent(served.store)
-    served.sessions.begin(pseudonym)
+    served.sessions.begin_session(pseudonym)
     with opened(served, served.link) as connected:
         assert isinstance(first(connected), Welcome)
-        served.sessions.withdraw(pseudonym, "")
-        served.sessions.begin(other)
+        served.sessions.withdraw_participant(pseudonym, "")
+        served.sessions.begin_session(other)
         heard = rest(connected)
         assert connected.close_code == 4410
     assert not [each for each in heard if isinstance(each, Welcome)]
@@ -191,15 +191,15 @@ def test_connected_client_receives_nothing_of_the_next_session(served: Served) -
 def test_address_without_a_link_opens_no_session(served: Served) -> None:
     pseudonym = enrol_with_consent(served.store)
     assert refused(served, served.server.tokens.participant) == (4403, None)
-    served.sessions.begin(pseudonym)
+    served.sessions.begin_session(pseudonym)
     assert refused(served, served.server.tokens.participant) == (4403, None)
     assert served.request("GET", "/scenes/0.glb", served.server.tokens.participant).status_code == 401
     assert refused(served, "") == (4411, None)
-    assert refused(served, new_link()) == (4403, None)
+    assert refused(served, generate_link_token()) == (4403, None)
 
 
 def test_link_gives_no_access_to_the_dashboard(served: Served) -> None:
-    served.sessions.begin(enrol_with_consent(served.store))
+    served.sessions.begin_session(enrol_with_consent(served.store))
     assert refused(served, served.link, "/watch")[0] == 4403
     for method, path in (("GET", "/study/overview"), ("POST", "/study/participants")):
         assert served.request(method, path, served.link).status_code == 401
@@ -207,7 +207,7 @@ def test_link_gives_no_access_to_the_dashboard(served: Served) -> None:
 
 def test_new_link_ends_the_earlier_one(served: Served) -> None:
     pseudonym = enrol_with_consent(served.store)
-    served.sessions.begin(pseudonym)
+    served.sessions.begin_session(pseudonym)
     link = served.link
     with opened(served, link) as connected:
         assert isinstance(first(connected), Welcome)
@@ -218,21 +218,21 @@ def test_new_link_ends_the_earlier_one(served: Served) -> None:
     assert refused(served, link) == (4410, "en")
     assert identifier(served, served.link) == f"{pseudonym} ses-01"
     with pytest.raises(StudyError, match="no session of sub-999 is running"):
-        served.sessions.renew_link("sub-999")
+        served.sessions.renew_session_link("sub-999")
 
 
 @pytest.mark.slow
-def test_only_checksums_of_links_are_stored(store: Store, tmp_path: Path) -> None:
+def test_only_checksums_of_links_are_stored(store: StudyStore, tmp_path: Path) -> None:
     german = take_in_german(store)
     with serving(store, tmp_path) as served:
-        served.sessions.begin(german)
+        served.sessions.begin_session(german)
         link = served.link
         assert len(link) >= 22
     files = [path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()]
     assert not any(link.encode() in data for data in files)
-    assert any(token_sha256(link).encode() in data for data in files)
+    assert any(compute_token_sha256(link).encode() in data for data in files)
     with serving(store, tmp_path) as served:
-        served.sessions.begin(german)
+        served.sessions.begin_session(german)
         assert refused(served, link) == (4410, "de")
         assert identifier(served, served.link) == f"{german} ses-02"
 
@@ -248,35 +248,35 @@ class Clock:
 
 def test_code_is_valid_once_and_for_minutes(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, links = Clock(monkeypatch), SessionLinks()
-    assert links.current_code() is None
-    links.set_link("first", ENGLISH)
-    code = links.current_code()
+    assert links.get_or_create_code() is None
+    links.set_link_token("first", ENGLISH)
+    code = links.get_or_create_code()
     assert code is not None
-    assert (len(code), links.current_code()) == (6, code)
+    assert (len(code), links.get_or_create_code()) == (6, code)
     assert links.exchange_code(code) == "first"
     with pytest.raises(CodeError):
         links.exchange_code(code)
-    later = links.current_code()
+    later = links.get_or_create_code()
     assert later is not None
     clock.now_s += CODE_VALIDITY_S - 1.0
-    assert links.current_code() != later
+    assert links.get_or_create_code() != later
     assert links.exchange_code(later) == "first"
-    old = links.current_code()
+    old = links.get_or_create_code()
     assert old is not None
     clock.now_s += CODE_VALIDITY_S + 1.0
     with pytest.raises(CodeError):
         links.exchange_code(old)
-    last = links.current_code()
+    last = links.get_or_create_code()
     assert last is not None
-    links.set_link("second", ENGLISH)
+    links.set_link_token("second", ENGLISH)
     with pytest.raises(CodeError):
         links.exchange_code(last)
 
 
 def test_number_of_guesses_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, links = Clock(monkeypatch), SessionLinks()
-    links.set_link("link", ENGLISH)
-    code = links.current_code()
+    links.set_link_token("link", ENGLISH)
+    code = links.get_or_create_code()
     assert code is not None
     wrong = f"{(int(code) + 1) % 10**6:06}"
     for _ in range(MAX_WRONG_CODES):
@@ -293,7 +293,7 @@ def test_number_of_guesses_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_page_exchanges_a_code_for_the_link(served: Served) -> None:
     assert served.request("POST", "/link", "nobody", json={"code": "000000"}).status_code == 403
     pseudonym = enrol_with_consent(served.store)
-    served.sessions.begin(pseudonym)
+    served.sessions.begin_session(pseudonym)
     shown = served.request("GET", "/study/overview", served.server.tokens.experimenter).json()["link"]
     assert shown["addresses"] == [f"/#token={served.link}"]
     code = shown["code"]
@@ -323,11 +323,11 @@ def test_headset_joins_by_code(served: Served) -> None:
         page.set_default_timeout(1000 * PATIENCE_S)
         dashboard = browser.new_page(viewport={"width": 900, "height": 900})
         experimenter = served.server.tokens.experimenter
-        dashboard.goto(served.server.page_urls("dashboard?detail=light", experimenter)[0])
+        dashboard.goto(served.server.list_page_urls("dashboard?detail=light", experimenter)[0])
         dashboard.get_by_role("button", name=german).click()
         dashboard.get_by_role("button", name="Begin session").click()
         expect(dashboard.locator("#link-code")).to_contain_text(" ")
-        page.goto(f"{served.server.participant_urls_without_token()[0]}?detail=light")
+        page.goto(f"{served.server.list_participant_urls_without_token()[0]}?detail=light")
         expect(page.locator("#status-words")).to_have_text("Enter the code that the experimenter gives you.")
         enter(page, "12")
         expect(page.locator("#code-wrong")).to_contain_text("wrong or too old")
@@ -344,10 +344,10 @@ def test_headset_joins_by_code(served: Served) -> None:
         expect(page.locator("#status-words")).to_have_text(GERMAN["link_ended"])
         expect(page.locator("#take-part")).to_be_hidden()
 
-        served.sessions.begin(other)
+        served.sessions.begin_session(other)
         page.reload()
         expect(page.locator("#status-words")).to_have_text(GERMAN["link_ended"])
-        enter(page, served.sessions.links.current_code() or "")
+        enter(page, served.sessions.participant_links.get_or_create_code() or "")
         expect(page.locator("#status-words")).to_have_text("Connected to the server")
         browser.close()
 

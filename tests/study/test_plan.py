@@ -7,18 +7,23 @@ import msgspec
 import pytest
 from typer.testing import CliRunner, Result
 
-from avrgym.analysis.plan import required_tests, suggested_hypotheses
+from avrgym.analysis.plan import list_required_tests, suggest_hypotheses
 from avrgym.cli.main import app
-from avrgym.policies.trained import packaged_policies
-from avrgym.study.design.comparison import differences
-from avrgym.study.design.design import DesignError, default_design_text, parse_design
-from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion, withdraw
-from avrgym.study.plan.deviations import describe_change, deviations
-from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, FrozenPlan, read_frozen_plan
-from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, parse_plan
-from avrgym.study.plan.plan_template import plan_template_text
+from avrgym.policies.trained_policies import find_packaged_policies
+from avrgym.study.design.design import DesignError, parse_design, read_default_design_text
+from avrgym.study.design.design_comparison import find_value_differences
+from avrgym.study.people.participants import (
+    enrol_participant,
+    record_consent,
+    record_inclusion_answers,
+    withdraw_participant,
+)
+from avrgym.study.plan.analysis_plan import CONFIRMATORY_STATUS, EXPLORATORY_STATUS, parse_analysis_plan
+from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, FrozenPlanEvidence, read_frozen_plan_evidence
+from avrgym.study.plan.plan_deviations import describe_change, find_deviations
+from avrgym.study.plan.plan_template import format_plan_template
 from avrgym.study.storage import database
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.small_studies import (
     eligible_answers,
     enrol_with_consent,
@@ -27,9 +32,9 @@ from helpers.studies.small_studies import (
     small_study,
 )
 
-DESIGN = parse_design(default_design_text())
-OFFERED = required_tests(DESIGN)
-TEXT = plan_template_text(DESIGN, OFFERED, suggested_hypotheses(DESIGN))
+DESIGN = parse_design(read_default_design_text())
+OFFERED = list_required_tests(DESIGN)
+TEXT = format_plan_template(DESIGN, OFFERED, suggest_hypotheses(DESIGN))
 SESSION_ITEMS = """
 [[questionnaires]]
 name = "csq"
@@ -37,12 +42,14 @@ when = ["before_session", "after_session"]
 items = [{ id = "C1", text = "I feel \\"sick\\".", points = 7, low = "no", high = "yes" }]
 """
 DESIGNS = {
-    "the paper's": default_design_text(),
-    "one policy": default_design_text().replace('["original", "revised"]', '["revised"]'),
-    "items about sessions": default_design_text().replace("[goals]", f"{SESSION_ITEMS}\n[goals]"),
-    "a title that TOML escapes": default_design_text().replace('title = "', 'title = "\\"A\\"\\u0007\\n'),
-    "no items": default_design_text()[: default_design_text().index("\n[[questionnaires]]\n")]
-    + default_design_text()[default_design_text().index("\n[goals]") :],
+    "the paper's": read_default_design_text(),
+    "one policy": read_default_design_text().replace('["original", "revised"]', '["revised"]'),
+    "items about sessions": read_default_design_text().replace("[goals]", f"{SESSION_ITEMS}\n[goals]"),
+    "a title that TOML escapes": read_default_design_text().replace(
+        'title = "', 'title = "\\"A\\"\\u0007\\n'
+    ),
+    "no items": read_default_design_text()[: read_default_design_text().index("\n[[questionnaires]]\n")]
+    + read_default_design_text()[read_default_design_text().index("\n[goals]") :],
 }
 
 
@@ -61,12 +68,14 @@ def study(*arguments: str | Path) -> Result:
 @pytest.mark.parametrize("text", DESIGNS.values(), ids=list(DESIGNS))
 def test_template_of_each_design_is_a_complete_plan(text: str) -> None:
     design = parse_design(text)
-    offered = required_tests(design)
-    plan = parse_plan(
-        plan_template_text(design, offered, suggested_hypotheses(design)), "plan.toml", design, offered
+    offered = list_required_tests(design)
+    plan = parse_analysis_plan(
+        format_plan_template(design, offered, suggest_hypotheses(design)), "plan.toml", design, offered
     )
-    labels = {plan.plan_status(test, measure) for test, measures in offered.items() for measure in measures}
-    assert labels == {CONFIRMATORY, EXPLORATORY}
+    labels = {
+        plan.find_test_status(test, measure) for test, measures in offered.items() for measure in measures
+    }
+    assert labels == {CONFIRMATORY_STATUS, EXPLORATORY_STATUS}
     assert plan.participants == design.participants
 
 
@@ -95,7 +104,7 @@ def test_error_of_an_invalid_plan_has_line_and_allowed_values(before: str, after
     assert TEXT.count(before) == 1
     text = TEXT.replace(before, after)
     with pytest.raises(DesignError) as refused:
-        parse_plan(text, "plan.toml", DESIGN, OFFERED)
+        parse_analysis_plan(text, "plan.toml", DESIGN, OFFERED)
     message = str(refused.value)
     assert words in message
     line = int(message.split(":")[1])
@@ -113,8 +122,8 @@ def test_invalid_plan_is_not_frozen(tmp_path: Path) -> None:
 def test_differences_are_listed_by_value() -> None:
     before = {"a": 1, "b": {"c": [1, 2]}, "items": [{"id": "x"}, {"id": "y"}], "gone": "?" * 200}
     after = {"a": 2, "b": {"c": [1, 3]}, "items": [{"id": "x"}, {"id": "z"}, {"id": "w"}], "new": True}
-    assert list(differences(before, before)) == []
-    assert [describe_change(*each) for each in differences(before, after)] == [
+    assert list(find_value_differences(before, before)) == []
+    assert [describe_change(*each) for each in find_value_differences(before, after)] == [
         "a was 1, is 2",
         "b.c was [1, 2], is [1, 3]",
         'items 2.id was "y", is "z"',
@@ -151,9 +160,9 @@ def test_plan_is_frozen_once(tmp_path: Path) -> None:
 def test_plan_cannot_be_frozen_after_the_first_participant(tmp_path: Path) -> None:
     folder = small_study(tmp_path / "study")
     assert study("freeze", folder).exit_code == 0
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         someone = enrol_with_consent(store, simulated=False)
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         run_participant(store, someone, trials=1, simulated=False)
     for arguments in ([], ["--template"], ["--export", "osf"]):
         refused = study("freeze", folder, *arguments)
@@ -244,19 +253,19 @@ def test_all_deviations_are_listed(tmp_path: Path) -> None:
     )
     (folder / "mine").mkdir()
     for robot in ("Jaco", "PR2"):
-        packaged = packaged_policies(f"avrgym/Feeding{robot}-v1")
+        packaged = find_packaged_policies(f"avrgym/Feeding{robot}-v1")
         (folder / "mine" / f"Feeding{robot}.safetensors").write_bytes(packaged["revised"].read_bytes())
     study("freeze", folder)
     plan = folder / "plan.toml"
     plan.write_text(plan.read_text().replace('    "torso heights, by trial",\n', ""))
     study("freeze", folder)
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         run_participant(store, enrol_with_consent(store, simulated=False), simulated=False)
-        withdraw(store, enrol_with_consent(store, simulated=False))
+        withdraw_participant(store, enrol_with_consent(store, simulated=False))
         out = enrol_participant(store, "man")
         record_consent(store, out)
-        record_inclusion(store, out, {name: not yes for name, yes in eligible_answers(store).items()})
-    person = packaged_policies("avrgym/FeedingJaco-v1")["original"].read_bytes()
+        record_inclusion_answers(store, out, {name: not yes for name, yes in eligible_answers(store).items()})
+    person = find_packaged_policies("avrgym/FeedingJaco-v1")["original"].read_bytes()
     (folder / "mine" / "FeedingJaco.safetensors").write_bytes(person)
     design = folder / "study.toml"
     design.write_text(design.read_text().replace("free_movement_s = 5.0", "free_movement_s = 4.0"))
@@ -285,11 +294,11 @@ def test_all_deviations_are_listed(tmp_path: Path) -> None:
 
 def test_changed_software_is_a_deviation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = _frozen(small_study(tmp_path / "study"))
-    with Store(folder) as store:
-        frozen = read_frozen_plan(store)
+    with StudyStore(folder) as store:
+        frozen = read_frozen_plan_evidence(store)
     assert frozen is not None
-    assert frozen.record is not None
-    before = frozen.record.versions["scipy"]
+    assert frozen.frozen_plan is not None
+    before = frozen.frozen_plan.versions["scipy"]
     monkeypatch.setattr("avrgym.study.plan.frozen_plan.version", lambda name: f"{name} 0")
     assert f"software: scipy was {before}, is scipy 0" in study("status", folder).stdout
 
@@ -318,9 +327,9 @@ def test_changed_texts_for_participants_are_a_deviation(tmp_path: Path) -> None:
     assert "deviation  texts/de.toml: is missing" in shown
     assert "deviation  texts/en.toml: was added" in shown
     assert "deviations: 2" in shown
-    with Store(folder) as store:
-        record = read_frozen_plan(store)
+    with StudyStore(folder) as store:
+        record = read_frozen_plan_evidence(store)
         assert record is not None
-        assert record.record is not None
-        earlier = FrozenPlan(msgspec.structs.replace(record.record, texts=None))
-        assert deviations(store, earlier, required_tests(store.design)) == []
+        assert record.frozen_plan is not None
+        earlier = FrozenPlanEvidence(msgspec.structs.replace(record.frozen_plan, texts=None))
+        assert find_deviations(store, earlier, list_required_tests(store.design)) == []

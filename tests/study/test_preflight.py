@@ -8,11 +8,11 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
-from avrgym.policies.trained import packaged_policies
-from avrgym.study.checking.preflight import environment_policy_pairs, policy_errors
-from avrgym.study.sessions.visit import StudyVisit
+from avrgym.policies.trained_policies import find_packaged_policies
+from avrgym.study.checking.preflight import find_policy_errors, list_environment_policy_pairs
+from avrgym.study.sessions.study_visit import StudyVisit
 from avrgym.study.storage import database
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.small_studies import enrol_with_consent, make_study
 
 JACO = "avrgym/FeedingJaco-v1"
@@ -35,7 +35,7 @@ def with_own_policies(folder: Path, *scenes: str) -> Path:
     )
     (folder / "mine").mkdir()
     for robot, scene in zip(("PR2", "Jaco"), scenes, strict=True):
-        source = packaged_policies(f"avrgym/{scene}-v1")["revised"]
+        source = find_packaged_policies(f"avrgym/{scene}-v1")["revised"]
         shutil.copy(source, folder / "mine" / f"Feeding{robot}.safetensors")
     return folder
 
@@ -48,10 +48,10 @@ def check(folder: Path) -> tuple[int, list[str]]:
 
 @pytest.mark.slow
 def test_all_policies_are_loaded_in_all_environments(tmp_path: Path) -> None:
-    with Store(make_study(tmp_path / "study")) as store:
-        needed = environment_policy_pairs(store)
+    with StudyStore(make_study(tmp_path / "study")) as store:
+        needed = list_environment_policy_pairs(store)
         assert len(needed) == len(set(needed)) == 4 * 2 * 2
-        assert list(policy_errors(store)) == []
+        assert list(find_policy_errors(store)) == []
     code, lines = check(tmp_path / "study")
     assert (code, lines[-1]) == (0, "no errors")
 
@@ -79,7 +79,7 @@ def test_missing_policies_are_an_error(
 
 
 def test_files_in_the_working_directory_are_ignored(tmp_path: Path) -> None:
-    shutil.copy(packaged_policies(JACO)["revised"], tmp_path / "revisd")
+    shutil.copy(find_packaged_policies(JACO)["revised"], tmp_path / "revisd")
     code, _ = check(make_study(tmp_path / "study", tasks='["Feeding"]', policies='["revisd"]'))
     assert code == 1
 
@@ -90,7 +90,7 @@ def test_check_and_serve_report_the_same_fault(tmp_path: Path) -> None:
     for _ in range(2):
         code, lines = check(folder)
         with (
-            Store(folder) as store,
+            StudyStore(folder) as store,
             pytest.raises(ValueError, match=r"mine/FeedingJaco\.safetensors") as refused,
         ):
             StudyVisit(store, enrol_with_consent(store))
@@ -106,7 +106,7 @@ def test_policy_of_another_robot_is_rejected(tmp_path: Path) -> None:
     code, lines = check(folder)
     assert code == 1
     assert sum(words in line for line in lines) == 1
-    policy = str(packaged_policies(JACO)["revised"])
+    policy = str(find_packaged_policies(JACO)["revised"])
     for command in (
         ["study", "simulate", str(folder), "--participants", "1"],
         ["serve", "--env", "avrgym/FeedingPR2-v1", "--policy", policy, "--port", "0"],
@@ -128,13 +128,13 @@ def test_damaged_policy_files_raise_no_traceback(tmp_path: Path) -> None:
     whole = path.read_bytes()
     rng = np.random.default_rng(22)
     cut = rng.integers(0, len(whole), 40)
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         for size in cut:
             path.write_bytes(whole[:size])
-            ((name, fault),) = policy_errors(store)
+            ((name, fault),) = find_policy_errors(store)
             assert (name, str(path) in fault) == ("mine", True)
         for place in [*range(0, 1000, 5), *rng.integers(0, len(whole), 100)]:
             damaged = bytearray(whole)
             damaged[place] ^= 1 << int(rng.integers(8))
             path.write_bytes(bytes(damaged))
-            assert all(str(path) in fault for _, fault in policy_errors(store))
+            assert all(str(path) in fault for _, fault in find_policy_errors(store))

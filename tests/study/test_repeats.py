@@ -14,41 +14,41 @@ import pytest
 from msgspec.structs import replace as with_values
 from typer.testing import CliRunner
 
-from avrgym.analysis.study import analyse_study
+from avrgym.analysis.study_analysis import analyse_study
 from avrgym.cli.main import app
 from avrgym.recording.schema import AttemptEnd, Metrics
 from avrgym.study.checking.repeat_checks import (
     REPEATS_LOCATION,
     check_repeats,
-    repeat_findings,
-    selection_p_value,
+    check_trial_repeats,
+    compute_selection_p_value,
 )
 from avrgym.study.checking.repeats import (
-    EXPERIMENTER,
-    PARTICIPANT,
-    TECHNICAL,
-    UNKNOWN,
-    UNKNOWN_EXPERIMENTER,
+    EXPERIMENTER_REASON,
+    PARTICIPANT_REASON,
+    TECHNICAL_REASON,
+    UNKNOWN_EXPERIMENTER_NAME,
+    UNKNOWN_REASON,
     AttemptedTrial,
     ReplacedAttempt,
-    attempted_trials,
+    list_attempted_trials,
 )
-from avrgym.study.design.design import Design, default_design_text, parse_design
-from avrgym.study.sessions.visit import StudyVisit
+from avrgym.study.design.design import Design, parse_design, read_default_design_text
+from avrgym.study.sessions.study_visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_incomplete_attempt
-from avrgym.study.storage.audit_log import PERSONAL_TOKEN, AuditActor, add_log_entry
-from avrgym.study.storage.rows import Participant, Trial, TrialAttempt
+from avrgym.study.storage.audit_log import PERSONAL_TOKEN_METHOD, AuditActor, add_log_entry
+from avrgym.study.storage.database_rows import Participant, Trial, TrialAttempt
 from avrgym.study.storage.sessions import close_session, open_session
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Command, CommandName, ParticipantDisconnected
+from avrgym.vr.protocol.messages import ExperimenterCommand, ExperimenterCommandName, ParticipantDisconnected
 from helpers.browser.html_page import Page
 from helpers.studies.known_results import write_without_figures
 from helpers.studies.small_studies import enrol_with_consent, make_study, record
 from helpers.vr.visit import Visit
 
-ADA = AuditActor("ada", PERSONAL_TOKEN)
+ADA = AuditActor("ada", PERSONAL_TOKEN_METHOD)
 STEPS = 3
 Ends = list[tuple[AttemptEnd, bool]]
 """How attempts before the completed one ended, and whether the robot had succeeded by then."""
@@ -59,13 +59,13 @@ def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
 
 
-def run(store: Store, pseudonym: str, ends: Callable[[Trial], Ends], *, complete: bool = True) -> None:
+def run(store: StudyStore, pseudonym: str, ends: Callable[[Trial], Ends], *, complete: bool = True) -> None:
     """A participant goes through all trials, each after the attempts that ``ends`` lists; repeats are in the log.
 
     Without ``complete`` the last attempt at each trial fails, and nothing is recorded.
     """
     session = open_session(store, pseudonym)
-    for trial in store.remaining_trials(pseudonym):
+    for trial in store.read_remaining_trials(pseudonym):
         for state, success in ends(trial):
             attempt = begin_attempt(store, session.id, trial.position)
             if state == "repeated":
@@ -107,10 +107,10 @@ def test_policy_repeated_until_success_is_reported(folder: Path) -> None:
     def until_success(trial: Trial) -> Ends:
         return [("repeated", False)] * (1 + trial.position % 2) if trial.policy == "original" else []
 
-    with Store(folder) as store:
-        while sum(len(each.repeats) for each in attempted_trials(store)) < 24:
+    with StudyStore(folder) as store:
+        while sum(len(each.replaced_attempts) for each in list_attempted_trials(store)) < 24:
             run(store, enrol_with_consent(store), until_success)
-        extra = sum(len(each.repeats) for each in attempted_trials(store))
+        extra = sum(len(each.replaced_attempts) for each in list_attempted_trials(store))
         analysis = analyse_study(store)
     named = f"depend on the policy: original {extra} extra attempts in "
     listed = of_repeats(study("check", folder))
@@ -123,8 +123,8 @@ def test_policy_repeated_until_success_is_reported(folder: Path) -> None:
     ]
     assert [line for line in listed if "depend on the outcome" in line and "(exact test" in line]
     assert named in study("status", folder)
-    assert analysis.frozen_plan is not None
-    assert named in " ".join(each.message for each in analysis.frozen_plan.deviations)
+    assert analysis.plan_with_deviations is not None
+    assert named in " ".join(each.message for each in analysis.plan_with_deviations.deviations)
     page = " ".join(Page(write_without_figures(analysis, folder, folder / "analysis")).text.split())
     assert page.count(named) == 2  # in the plan's deviations and in the section about repeats
     assert (
@@ -139,7 +139,7 @@ def test_policy_repeated_until_success_is_reported(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_technical_repeats_are_no_finding(folder: Path) -> None:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         for _ in range(4):
             run(
                 store,
@@ -147,14 +147,14 @@ def test_technical_repeats_are_no_finding(folder: Path) -> None:
                 lambda trial: [("failed", False)] * (2 * (trial.policy == "original")),
             )
         assert list(check_repeats(store)) == []
-        assert {row.reason for row in analyse_study(store).repeats} == {TECHNICAL}
+        assert {row.reason for row in analyse_study(store).repeated_trials} == {TECHNICAL_REASON}
     assert of_repeats(study("check", folder)) == []
 
 
 @pytest.mark.slow
 def test_balanced_requested_repeats_are_no_finding(folder: Path) -> None:
     """One repeat of each policy for each participant, with varying robot and outcome."""
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         for number in range(4):
             robot = "Jaco" if number % 2 else "PR2"
             run(
@@ -172,7 +172,7 @@ def test_balanced_requested_repeats_are_no_finding(folder: Path) -> None:
 
 
 def test_limit_of_the_frozen_plan_applies(folder: Path) -> None:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         run(
             store,
             enrol_with_consent(store),
@@ -190,7 +190,7 @@ def test_design_without_a_limit(tmp_path: Path) -> None:
     folder = make_study(tmp_path, tasks='["Feeding"]')
     design = folder / "study.toml"
     design.write_text(design.read_text().replace("max_repeats = 1\n", ""))
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         run(
             store,
             enrol_with_consent(store),
@@ -202,7 +202,7 @@ def test_design_without_a_limit(tmp_path: Path) -> None:
 
 def test_blinded_experimenter_sees_policy_codes(tmp_path: Path) -> None:
     folder = make_study(tmp_path, tasks='["Feeding"]', blind_experimenter="true")
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         for _ in range(4):
             run(
                 store,
@@ -212,7 +212,7 @@ def test_blinded_experimenter_sees_policy_codes(tmp_path: Path) -> None:
             )
         (found,) = check_repeats(store)
         assert "original" not in found.message
-        letter = store.design.blinded_policy_letters()["original"]
+        letter = store.design.make_blinded_policy_letters()["original"]
         assert f"{letter} 8 extra attempts in 8 of 8 trials" in found.message
 
 
@@ -220,53 +220,60 @@ def test_blinded_experimenter_sees_policy_codes(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
+def store(tmp_path: Path) -> Iterator[StudyStore]:
     changes = {"robots": '["Jaco"]', "practice_policy": '""', "free_movement_s": "0.1"}
-    with Store(make_study(tmp_path / "live", tasks='["Feeding"]', trial_steps="30", **changes)) as opened:
+    with StudyStore(
+        make_study(tmp_path / "live", tasks='["Feeding"]', trial_steps="30", **changes)
+    ) as opened:
         yield opened
 
 
-def by_command(name: CommandName) -> Callable[[Store, Visit], None]:
-    def give(store: Store, visit: Visit) -> None:
+def by_command(name: ExperimenterCommandName) -> Callable[[StudyStore, Visit], None]:
+    def give(store: StudyStore, visit: Visit) -> None:
         add_log_entry(store, ADA, name, "sub-001")
-        visit.send(Command(name=name))
+        visit.send(ExperimenterCommand(name=name))
 
     return give
 
 
 def tell(
-    message: messages.ClientMessage | messages.ExperimenterMessage | ParticipantDisconnected,
-) -> Callable[[Store, Visit], None]:
+    message: messages.ParticipantMessage | messages.WatcherMessage | ParticipantDisconnected,
+) -> Callable[[StudyStore, Visit], None]:
     return lambda _, visit: visit.send(message)
 
 
-ENDINGS: dict[str, tuple[Callable[[Store, Visit], None], str, str, str]] = {
-    "repeat": (by_command("repeat"), EXPERIMENTER, "repeated", "ada"),
-    "stop": (by_command("stop"), EXPERIMENTER, "stopped", "ada"),
-    "pause": (by_command("pause"), EXPERIMENTER, "paused", "ada"),
-    "measure again": (by_command("recalibrate"), EXPERIMENTER, "measured again", "ada"),
-    "not logged": (tell(Command(name="repeat")), EXPERIMENTER, "repeated", UNKNOWN_EXPERIMENTER),
-    "participant's stop": (tell(messages.Stop()), PARTICIPANT, "stopped", ""),
-    "left VR": (tell(messages.Left()), PARTICIPANT, "left VR", ""),
-    "network": (tell(ParticipantDisconnected()), TECHNICAL, "network", ""),
-    "menu": (tell(messages.VisibilityChanged("hidden")), TECHNICAL, "scene not visible", ""),
-    "recentred": (tell(messages.OriginReset()), UNKNOWN, "measured again", ""),
+ENDINGS: dict[str, tuple[Callable[[StudyStore, Visit], None], str, str, str]] = {
+    "repeat": (by_command("repeat"), EXPERIMENTER_REASON, "repeated", "ada"),
+    "stop": (by_command("stop"), EXPERIMENTER_REASON, "stopped", "ada"),
+    "pause": (by_command("pause"), EXPERIMENTER_REASON, "paused", "ada"),
+    "measure again": (by_command("recalibrate"), EXPERIMENTER_REASON, "measured again", "ada"),
+    "not logged": (
+        tell(ExperimenterCommand(name="repeat")),
+        EXPERIMENTER_REASON,
+        "repeated",
+        UNKNOWN_EXPERIMENTER_NAME,
+    ),
+    "participant's stop": (tell(messages.Stop()), PARTICIPANT_REASON, "stopped", ""),
+    "left VR": (tell(messages.VrLeft()), PARTICIPANT_REASON, "left VR", ""),
+    "network": (tell(ParticipantDisconnected()), TECHNICAL_REASON, "network", ""),
+    "menu": (tell(messages.VisibilityChanged("hidden")), TECHNICAL_REASON, "scene not visible", ""),
+    "recentred": (tell(messages.OriginReset()), UNKNOWN_REASON, "measured again", ""),
     "another height": (
-        tell(messages.CorrectTorsoHeight(0.55)),
-        EXPERIMENTER,
+        tell(messages.TorsoHeightCorrection(0.55)),
+        EXPERIMENTER_REASON,
         "torso height corrected",
-        UNKNOWN_EXPERIMENTER,
+        UNKNOWN_EXPERIMENTER_NAME,
     ),
 }
 
 
 @pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_repeat_has_reason_and_person(store: Store, ending: str) -> None:
+def test_repeat_has_reason_and_person(store: StudyStore, ending: str) -> None:
     end, *expected = ENDINGS[ending]
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
-        plan = replace(visit.plan_trials(), countdown_s=0.1)
+        plan = replace(visit.plan_remaining_trials(), countdown_s=0.1)
         attended = Visit(Path(), plan, make=lambda send: visit.create_session(plan, send))
         attended.calibrate()
         attended.run_until("trial")
@@ -275,19 +282,19 @@ def test_repeat_has_reason_and_person(store: Store, ending: str) -> None:
     assert repeat_after(store) == [*expected]
 
 
-def repeat_after(store: Store) -> list[str]:
+def repeat_after(store: StudyStore) -> list[str]:
     """Reason, cause and person of the first repeat after another attempt."""
     session = open_session(store, "sub-001", take_over=True)
-    begin_attempt(store, session.id, store.remaining_trials("sub-001")[0].position)
-    repeat = attempted_trials(store)[0].repeats[0]
-    return [repeat.reason, repeat.cause, repeat.requested_by]
+    begin_attempt(store, session.id, store.read_remaining_trials("sub-001")[0].position)
+    repeat = list_attempted_trials(store)[0].replaced_attempts[0]
+    return [repeat.repeat_reason, repeat.cause_text, repeat.requested_by]
 
 
-def test_attempt_open_after_a_crash_is_a_restart(store: Store) -> None:
+def test_attempt_open_after_a_crash_is_a_restart(store: StudyStore) -> None:
     session = open_session(store, enrol_with_consent(store))
-    begin_attempt(store, session.id, store.remaining_trials("sub-001")[0].position)
+    begin_attempt(store, session.id, store.read_remaining_trials("sub-001")[0].position)
     open_session(store, "sub-001", take_over=True)
-    assert repeat_after(store) == [TECHNICAL, "restart", ""]
+    assert repeat_after(store) == [TECHNICAL_REASON, "restart", ""]
 
 
 # The tests
@@ -312,18 +319,19 @@ def test_exact_test_keeps_its_level(alpha: float) -> None:
         rejected = [
             share
             for n, share in enumerate(probabilities)
-            if share > 0 and selection_p_value(blocks, n) <= alpha
+            if share > 0 and compute_selection_p_value(blocks, n) <= alpha
         ]
         assert sum(rejected) <= alpha + 1e-12
-        assert selection_p_value(blocks, int(probabilities.argmax())) == pytest.approx(1.0)
+        assert compute_selection_p_value(blocks, int(probabilities.argmax())) == pytest.approx(1.0)
 
 
 @pytest.mark.slow
 def test_random_repeats_cause_at_most_1_percent_findings() -> None:
     """2 000 studies of 8 people and 16 trials; 10 % of trials are repeated, and success differs by policy."""
-    design, generator = parse_design(default_design_text()), np.random.default_rng(0)
+    design, generator = parse_design(read_default_design_text()), np.random.default_rng(0)
     found = sum(
-        bool(list(repeat_findings(imagined(design, generator, 0.1, 0.1), design, None))) for _ in range(2000)
+        bool(list(check_trial_repeats(imagined(design, generator, 0.1, 0.1), design, None)))
+        for _ in range(2000)
     )
     assert found <= 20 + 3 * np.sqrt(20)
 
@@ -331,11 +339,11 @@ def test_random_repeats_cause_at_most_1_percent_findings() -> None:
 @pytest.mark.slow
 def test_repeats_after_failures_are_found() -> None:
     """Half of the failed first attempts are repeated, and no successful ones, for both policies."""
-    design, generator = parse_design(default_design_text()), np.random.default_rng(0)
+    design, generator = parse_design(read_default_design_text()), np.random.default_rng(0)
     found = [
         any(
             "outcome" in each.message
-            for each in repeat_findings(imagined(design, generator, 0.5, 0.0), design, None)
+            for each in check_trial_repeats(imagined(design, generator, 0.5, 0.0), design, None)
         )
         for _ in range(100)
     ]
@@ -349,7 +357,7 @@ def imagined(
     tried: list[AttemptedTrial] = []
     conditions = list(product(design.tasks, design.robots, design.policies))
     for number in range(1, 9):
-        person = cast(Participant, SimpleNamespace(number=number, simulated=False))
+        person = cast(Participant, SimpleNamespace(number=number, is_simulated=False))
         for position, (task, robot, policy) in enumerate(conditions, start=1):
             trial = Trial(
                 position, number, position, f"avrgym/{task}{robot}-v1", policy, 0, False, "completed"
@@ -359,7 +367,9 @@ def imagined(
             first = TrialAttempt(1, position, 1, 1, "repeated", "", None, metrics, None, None, "", "")
             again = generator.random() < (after_success if success else after_failure)
             repeats = (
-                [ReplacedAttempt(person, trial, first, EXPERIMENTER, "repeated", "ada")] if again else []
+                [ReplacedAttempt(person, trial, first, EXPERIMENTER_REASON, "repeated", "ada")]
+                if again
+                else []
             )
             last = replace(first, number=2, state="completed", metrics=with_values(metrics, success=True))
             tried.append(AttemptedTrial(person, trial, [first, last] if again else [first], repeats))

@@ -8,16 +8,16 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli import app
-from avrgym.study.checking.checks import check_retention_periods, check_study
-from avrgym.study.dashboard.views import study_overview
+from avrgym.study.checking.study_checks import check_retention_periods, check_study
+from avrgym.study.dashboard.displayed_data import make_study_overview
 from avrgym.study.design.design import DesignError, parse_design, read_design
-from avrgym.study.design.retention import Retention
+from avrgym.study.design.retention import RetentionPeriods
 from avrgym.study.people import retention
-from avrgym.study.people.retention import delete_due_data, due_deletions, scheduled_deletions
+from avrgym.study.people.retention import delete_due_data, list_due_deletions, list_scheduled_deletions
 from avrgym.study.storage import identity_file
 from avrgym.study.storage.sessions import close_session, open_session
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
 
 END = date(2126, 6, 30)
@@ -28,7 +28,7 @@ PERIODS = 'ended_on = "2126-06-30"\nidentities_months = 6\nrecordings_years = 2\
 def folder(tmp_path: Path) -> Path:
     """Two people with recordings, one of them with a name, and a simulated participant."""
     folder = small_study(tmp_path / "study")
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         for name in ("Ada Example", ""):
             run_participant(
                 store, enrol_with_consent(store, simulated=False, name=name), trials=2, simulated=False
@@ -38,9 +38,9 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def store(folder: Path) -> Iterator[Store]:
+def store(folder: Path) -> Iterator[StudyStore]:
     state(folder, PERIODS)
-    with Store(folder) as opened:
+    with StudyStore(folder) as opened:
         yield opened
 
 
@@ -70,8 +70,10 @@ def files(folder: Path) -> set[Path]:
     ],
 )
 def test_periods_begin_at_the_end_of_the_study(ended_on: str, months: int, due_on: date) -> None:
-    assert Retention(ended_on, identities_months=months).deletion_dates == {"identities": due_on}
-    assert Retention(identities_months=months).deletion_dates == {}
+    assert RetentionPeriods(ended_on, identities_months=months).deletion_date_by_data_kind == {
+        "identities": due_on
+    }
+    assert RetentionPeriods(identities_months=months).deletion_date_by_data_kind == {}
 
 
 @pytest.mark.fast_cases(2)
@@ -83,16 +85,16 @@ def test_error_of_an_invalid_period_has_its_line(folder: Path, wrong: str) -> No
 
 
 def test_design_without_periods_has_nothing_due(folder: Path) -> None:
-    assert parse_design((folder / "study.toml").read_text()).retention == Retention()
-    with Store(folder) as store:
-        assert scheduled_deletions(store) == []
+    assert parse_design((folder / "study.toml").read_text()).retention == RetentionPeriods()
+    with StudyStore(folder) as store:
+        assert list_scheduled_deletions(store) == []
         assert list(check_retention_periods(store)) == []
         assert list(delete_due_data(store, date(9999, 1, 1))) == []
 
 
-def test_each_kind_of_data_has_its_due_date(store: Store) -> None:
+def test_each_kind_of_data_has_its_due_date(store: StudyStore) -> None:
     def kinds(day: date) -> list[tuple[str, tuple[str, ...]]]:
-        return [(each.data_kind, each.pseudonyms) for each in due_deletions(store, day)]
+        return [(each.data_kind, each.pseudonyms) for each in list_due_deletions(store, day)]
 
     both = ("sub-001", "sub-002")
     assert kinds(date(2126, 12, 29)) == []
@@ -101,66 +103,71 @@ def test_each_kind_of_data_has_its_due_date(store: Store) -> None:
     assert kinds(date(2136, 6, 30))[-1] == ("data", both)
 
 
-def test_due_names_are_deleted(store: Store) -> None:
+def test_due_names_are_deleted(store: StudyStore) -> None:
     before = files(store.folder / "recordings")
     assert list(delete_due_data(store, date(2127, 1, 1))) == [("identities", "sub-001")]
     assert identity_file.read_identities(store.folder) == {}
     assert files(store.folder / "recordings") == before
-    assert [event.name for event in store.events()][-1] == "identity deleted by schedule"
+    assert [event.name for event in store.read_events()][-1] == "identity deleted by schedule"
     assert list(delete_due_data(store, date(2127, 1, 1))) == []
 
 
-def test_due_recordings_are_deleted(store: Store) -> None:
+def test_due_recordings_are_deleted(store: StudyStore) -> None:
     assert len(list(delete_due_data(store, date(2128, 7, 1)))) == 3
     assert {path.name for path in (store.folder / "recordings").iterdir()} == {"sub-003"}
     found = [each for each in check_study(store) if each.where.startswith("recordings/")]
     assert len(found) == 4
     assert all("was deleted by schedule" in each.message and not each.is_error for each in found)
-    assert len(store.answers("sub-001")) > 0
+    assert len(store.read_answers("sub-001")) > 0
     assert list(delete_due_data(store, date(2128, 7, 1))) == []
 
 
-def test_recording_deleted_by_hand_is_missing(store: Store) -> None:
-    path = store.folder / store.attempts("sub-001")[0].recording
+def test_recording_deleted_by_hand_is_missing(store: StudyStore) -> None:
+    path = store.folder / store.read_attempts("sub-001")[0].recording
     path.unlink()
     assert "is missing" in {each.message for each in check_study(store) if each.is_error}
 
 
-def test_due_data_of_people_are_deleted(store: Store) -> None:
+def test_due_data_of_people_are_deleted(store: StudyStore) -> None:
     list(delete_due_data(store, date(2136, 7, 1)))
-    assert [each.number for each in store.deleted_participants()] == [1, 2]
-    assert [each.pseudonym for each in store.participants()] == ["sub-003"]
+    assert [each.number for each in store.read_deleted_participants()] == [1, 2]
+    assert [each.pseudonym for each in store.read_participants()] == ["sub-003"]
 
 
-def test_failed_deletion_does_not_stop_others(store: Store) -> None:
+def test_failed_deletion_does_not_stop_others(store: StudyStore) -> None:
     session = open_session(store, "sub-001")
     with pytest.raises(StudyError, match="ses-02 of sub-001 is open"):
         list(delete_due_data(store, date(2136, 7, 1)))
-    assert [each.number for each in store.deleted_participants()] == [2]
+    assert [each.number for each in store.read_deleted_participants()] == [2]
     close_session(store, session.id)
     list(delete_due_data(store, date(2136, 7, 1)))
-    assert [each.number for each in store.deleted_participants()] == [1, 2]
+    assert [each.number for each in store.read_deleted_participants()] == [1, 2]
 
 
 def test_sessions_after_the_end_prevent_deletion(folder: Path) -> None:
     state(folder, 'ended_on = "2020-01-01"\nidentities_months = 0\nrecordings_years = 0\n')
     before = files(folder)
-    with Store(folder) as store, pytest.raises(StudyError, match="nothing was deleted; correct ended_on"):
+    with (
+        StudyStore(folder) as store,
+        pytest.raises(StudyError, match="nothing was deleted; correct ended_on"),
+    ):
         list(delete_due_data(store, END))
     assert "correct ended_on" in run("retention", folder, "--delete", code=1)
     assert files(folder) == before
 
 
-def test_only_the_command_deletes_due_data(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_the_command_deletes_due_data(store: StudyStore, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(retention, "today_utc", lambda: date(2127, 1, 1))
-    for module in ("avrgym.study.checking.checks", "avrgym.study.dashboard.views"):
+    for module in ("avrgym.study.checking.study_checks", "avrgym.study.dashboard.displayed_data"):
         monkeypatch.setattr(f"{module}.today_utc", lambda: date(2127, 1, 1))
     before = files(store.folder)
     words = "names and contacts of 1 participant must be deleted since 2126-12-30"
     (finding,) = check_retention_periods(store)
     assert words in finding.message
     assert not finding.is_error
-    assert any(words in warning for warning in study_overview(store, None, store.design.furniture).warnings)
+    assert any(
+        words in warning for warning in make_study_overview(store, None, store.design.furniture).warnings
+    )
     assert words in run("retention", store.folder)
     assert files(store.folder) == before
     assert identity_file.read_identities(store.folder) != {}

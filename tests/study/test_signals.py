@@ -14,7 +14,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from avrgym.study.storage import database
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from avrgym.vr.protocol import messages
 from helpers.studies.small_studies import enrol_with_consent, make_study
 from helpers.system.processes import AVRGYM, kill_with_parent, running_server
@@ -22,7 +22,7 @@ from helpers.vr.time_limits import command_with_limits
 
 IMPATIENT = (
     "avrgym.study.storage.sqlite:LOCK_TIMEOUT_S=4",
-    "avrgym.study.sessions.visit:SESSION_END_TIMEOUT_S=2",
+    "avrgym.study.sessions.study_visit:SESSION_END_TIMEOUT_S=2",
 )
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 PATIENCE_S = 60.0
@@ -33,7 +33,9 @@ def participant(address: str) -> Iterator[ClientConnection]:
     """A connected client of a participant."""
     url, _, token = address.partition("/#token=")
     with connect(f"ws{url.removeprefix('http')}/ws", max_size=None, max_queue=None) as client:
-        client.send(messages.encode(messages.Hello(messages.PROTOCOL_VERSION, token, "test", emulated=True)))
+        client.send(
+            messages.encode_message(messages.Hello(messages.PROTOCOL_VERSION, token, "test", emulated=True))
+        )
         client.recv(PATIENCE_S)
         yield client
 
@@ -50,7 +52,7 @@ def farewell(client: ClientConnection) -> tuple[int | None, str | None]:
 @pytest.mark.parametrize("number", SIGNALS)
 def test_server_closes_connections_and_ends(tmp_path: Path, number: signal.Signals) -> None:
     folder = make_study(tmp_path)
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         pseudonym = enrol_with_consent(store)
     with running_server(folder, "--participant", pseudonym) as server:
         with participant(server.participant) as client:
@@ -98,7 +100,7 @@ def test_workers_end_with_the_command(tmp_path: Path, monkeypatch: pytest.Monkey
 @pytest.mark.slow
 def test_unstored_end_of_a_session_has_exit_code_1(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
-    with Store(make_study(tmp_path, tasks='["Feeding"]')) as store:
+    with StudyStore(make_study(tmp_path, tasks='["Feeding"]')) as store:
         pseudonym = enrol_with_consent(store)
         options = ["serve", "--port", "0", "--study", tmp_path, "--participant", pseudonym]
         command = [*command_with_limits(*IMPATIENT), *options]
@@ -107,7 +109,7 @@ def test_unstored_end_of_a_session_has_exit_code_1(tmp_path: Path, monkeypatch: 
         ) as running:
             assert running.stdout is not None
             next(line for line in running.stdout if "Ctrl+C" in line)
-            with closing(sqlite3.connect(tmp_path / database.FILE, isolation_level=None)) as other:
+            with closing(sqlite3.connect(tmp_path / database.DATABASE_FILE, isolation_level=None)) as other:
                 other.execute("BEGIN EXCLUSIVE")
                 running.send_signal(signal.SIGTERM)
                 _, errors = running.communicate(timeout=2 * PATIENCE_S)

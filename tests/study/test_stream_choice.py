@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.study.design.design import DesignError, default_design_text, parse_design
-from avrgym.study.storage.store import Store
-from avrgym.vr.lab_streaming.choice import StreamSettings, parse_stream_options
+from avrgym.study.design.design import DesignError, parse_design, read_default_design_text
+from avrgym.study.storage.store import StudyStore
+from avrgym.vr.lab_streaming.stream_settings import StreamSettings, parse_stream_options
 from helpers.browser.documentation import DOCS, blocks
 from helpers.studies.small_studies import make_study
 
@@ -14,14 +14,14 @@ DEFAULT = "[streams]\nsend = false\nreceive = {}\n"
 
 
 def test_studies_exchange_no_streams_by_default(tmp_path: Path) -> None:
-    with Store(make_study(tmp_path)) as store:
+    with StudyStore(make_study(tmp_path)) as store:
         assert store.design.streams == StreamSettings()
-    assert parse_design(default_design_text().replace(DEFAULT, "")).streams == StreamSettings()
+    assert parse_design(read_default_design_text().replace(DEFAULT, "")).streams == StreamSettings()
 
 
 def test_documented_example_is_valid() -> None:
     (added,) = (text for language, text in blocks(DOCS / "how_to" / "other_devices.md") if language == "toml")
-    streams = parse_design(default_design_text().replace(DEFAULT, added)).streams
+    streams = parse_design(read_default_design_text().replace(DEFAULT, added)).streams
     assert streams.send
     assert streams.receive == {"heart": "type='ECG'", "gaze": "name='Tracker' and hostname='lab-3'"}
 
@@ -40,7 +40,7 @@ def test_documented_example_is_valid() -> None:
     ids=["no query", "more than a query", "name", "field"],
 )
 def test_error_of_an_invalid_stream_has_its_line(line: str, words: str) -> None:
-    text = default_design_text().replace("receive = {}", line)
+    text = read_default_design_text().replace("receive = {}", line)
     number = next(n for n, each in enumerate(text.splitlines(), start=1) if each == line)
     with pytest.raises(DesignError) as refused:
         parse_design(text)

@@ -11,16 +11,16 @@ import sqlalchemy as sa
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
-from avrgym.policies.trained import packaged_policies
+from avrgym.policies.trained_policies import find_packaged_policies
 from avrgym.recording.configuration import BodyModel
 from avrgym.recording.schema import Answer
 from avrgym.recording.writer import RecordingWriter
-from avrgym.study.checking.checks import check_study
+from avrgym.study.checking.study_checks import check_study
 from avrgym.study.storage import database, identity_file, schema
 from avrgym.study.storage.answers import record_trial_answer
 from avrgym.study.storage.attempts import begin_attempt
 from avrgym.study.storage.sessions import open_session
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.configurations import trial_configuration
 from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant, small_study
 from helpers.system.paths import ROOT
@@ -38,7 +38,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A study with a finished participant and one who has begun."""
     monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     folder = small_study(tmp_path / "study")
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         run_participant(store, enrol_with_consent(store))
         run_participant(
             store, enrol_with_consent(store, simulated=False, name="Ada"), trials=2, simulated=False
@@ -47,8 +47,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def store(folder: Path) -> Iterator[Store]:
-    with Store(folder) as opened:
+def store(folder: Path) -> Iterator[StudyStore]:
+    with StudyStore(folder) as opened:
         yield opened
 
 
@@ -122,8 +122,8 @@ def test_documented_python_example_runs(
     (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     exec(code, {})
     assert len(capsys.readouterr().out.splitlines()) == 20
-    with Store(tmp_path / "my-study") as store:
-        assert [session.state for session in store.sessions("sub-001")] == ["closed"]
+    with StudyStore(tmp_path / "my-study") as store:
+        assert [session.state for session in store.read_sessions("sub-001")] == ["closed"]
 
 
 # What the check finds
@@ -135,31 +135,31 @@ def _flip(path: Path) -> None:
     path.write_bytes(data)
 
 
-def _forget_an_answer(store: Store) -> None:
+def _forget_an_answer(store: StudyStore) -> None:
     with store.database.write_transaction() as connection:
         connection.execute(sa.delete(schema.ANSWER_TABLE).where(schema.ANSWER_TABLE.c.id == 2))
 
 
-def _change(table: sa.Table, **values: int | str) -> Callable[[Store], None]:
-    def change(store: Store) -> None:
+def _change(table: sa.Table, **values: int | str) -> Callable[[StudyStore], None]:
+    def change(store: StudyStore) -> None:
         with store.database.write_transaction() as connection:
             connection.execute(sa.update(table).where(table.c.id == 2).values(**values))
 
     return change
 
 
-def _mark(store: Store, simulated: bool) -> None:
+def _mark(store: StudyStore, simulated: bool) -> None:
     with store.database.write_transaction() as connection:
         connection.execute(sa.update(schema.PARTICIPANT_TABLE).values(simulated=simulated))
 
 
-DAMAGES: dict[str, tuple[Callable[[Store], object], str, str]] = {
-    "missing": (lambda s: s.absolute_path(FIRST).unlink(), FIRST, "is missing"),
-    "changed": (lambda s: _flip(s.absolute_path(FIRST)), FIRST, "its checksum differs"),
-    "empty": (lambda s: s.absolute_path(FIRST).write_bytes(b""), FIRST, "cannot be read"),
-    "stray": (lambda s: s.absolute_path("recordings/x.mcap").write_bytes(b""), "recordings/x.mcap", "belongs to "
+DAMAGES: dict[str, tuple[Callable[[StudyStore], object], str, str]] = {
+    "missing": (lambda s: s.resolve_path(FIRST).unlink(), FIRST, "is missing"),
+    "changed": (lambda s: _flip(s.resolve_path(FIRST)), FIRST, "its checksum differs"),
+    "empty": (lambda s: s.resolve_path(FIRST).write_bytes(b""), FIRST, "cannot be read"),
+    "stray": (lambda s: s.resolve_path("recordings/x.mcap").write_bytes(b""), "recordings/x.mcap", "belongs to "
     "no attempt"),
-    "link": (lambda s: s.absolute_path("recordings/x").symlink_to("/"), "recordings/x", "belongs to no attempt"),
+    "link": (lambda s: s.resolve_path("recordings/x").symlink_to("/"), "recordings/x", "belongs to no attempt"),
     "answer gone": (_forget_an_answer, SECOND, "completed without answers to L2"),
     "answer changed": (_change(schema.ANSWER_TABLE, value=7), SECOND, "with another answer"),
     "seed changed": (_change(schema.TRIAL_TABLE, seed=1), SECOND, "with another seed"),
@@ -168,10 +168,10 @@ DAMAGES: dict[str, tuple[Callable[[Store], object], str, str]] = {
     "escape": (_change(schema.ATTEMPT_TABLE, recording="../../x.mcap"), "../../x.mcap", "is outside the study's "
     "folder"),
     "open names": (
-        lambda s: s.absolute_path("private/identities.json").chmod(0o644), "private/identities.json", "other users",
+        lambda s: s.resolve_path("private/identities.json").chmod(0o644), "private/identities.json", "other users",
     ),
     "stranger": (
-        lambda s: identity_file.write_identity(s.folder, "sub-009", identity_file.Identity("Ada", "")),
+        lambda s: identity_file.store_identity(s.folder, "sub-009", identity_file.Identity("Ada", "")),
         "private/identities.json", "contains sub-009, who is not in this study",
     ),
 }  # fmt: skip
@@ -179,7 +179,7 @@ DAMAGES: dict[str, tuple[Callable[[Store], object], str, str]] = {
 
 @pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_check_reports_each_damage(folder: Path, store: Store, damage: str) -> None:
+def test_check_reports_each_damage(folder: Path, store: StudyStore, damage: str) -> None:
     act, where, what = DAMAGES[damage]
     act(store)
     findings = check_study(store)
@@ -194,7 +194,7 @@ def test_check_reports_each_damage(folder: Path, store: Store, damage: str) -> N
 def test_missing_policy_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     folder = make_study(tmp_path, tasks='["Feeding"]', policies='["mine", "revised"]', robots='["Jaco"]')
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         (finding,) = check_study(store)
         assert (finding.where, finding.is_error) == ("policy mine", True)
         assert (
@@ -203,32 +203,32 @@ def test_missing_policy_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         )
         own = folder / "mine" / "FeedingJaco.safetensors"
         own.parent.mkdir()
-        shutil.copy(packaged_policies("avrgym/FeedingJaco-v1")["original"], own)
+        shutil.copy(find_packaged_policies("avrgym/FeedingJaco-v1")["original"], own)
         assert check_study(store) == []
-        assert store.policy_source("avrgym/FeedingJaco-v1", "mine") == str(own)
-        assert store.policy_source("avrgym/FeedingJaco-v1", "revised") == "revised"
+        assert store.find_policy_source("avrgym/FeedingJaco-v1", "mine") == str(own)
+        assert store.find_policy_source("avrgym/FeedingJaco-v1", "revised") == "revised"
 
 
-def test_running_attempt_is_no_fault(store: Store) -> None:
+def test_running_attempt_is_no_fault(store: StudyStore) -> None:
     session = open_session(store, "sub-002")
-    begin_attempt(store, session.id, store.remaining_trials("sub-002")[0].position)
+    begin_attempt(store, session.id, store.read_remaining_trials("sub-002")[0].position)
     assert not any(finding.is_error for finding in check_study(store))
 
 
-def test_truncated_recording_may_lack_answers(store: Store) -> None:
+def test_truncated_recording_may_lack_answers(store: StudyStore) -> None:
     session = open_session(store, "sub-002")
-    trial = store.remaining_trials("sub-002")[0]
+    trial = store.read_remaining_trials("sub-002")[0]
     attempt = begin_attempt(store, session.id, trial.position)
     person = BodyModel("woman", 0.55, "fair")
     configuration = trial_configuration(store.design, trial, simulated=False, person=person)
-    RecordingWriter(store.absolute_path(attempt.recording), configuration).close()
+    RecordingWriter(store.resolve_path(attempt.recording), configuration).close()
     record_trial_answer(store, attempt.id, Answer("L1", 6, 1.25))
     assert not any(finding.is_error for finding in check_study(store))
 
 
-def test_recordings_of_other_stations_are_notes(folder: Path, store: Store) -> None:
-    store.station = "elsewhere"
-    store.absolute_path(FIRST).unlink()
+def test_recordings_of_other_stations_are_notes(folder: Path, store: StudyStore) -> None:
+    store.station_name = "elsewhere"
+    store.resolve_path(FIRST).unlink()
     (finding,) = (finding for finding in check_study(store) if finding.where == FIRST)
     assert not finding.is_error
     assert "is at another station; it was recorded at" in finding.message

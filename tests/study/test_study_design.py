@@ -7,11 +7,11 @@ import pytest
 
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
-from avrgym.study.design.design import DesignError, default_design_text, parse_design, read_design
-from avrgym.study.storage.states import StudyError
+from avrgym.study.design.design import DesignError, parse_design, read_default_design_text, read_design
+from avrgym.study.storage.state_transitions import StudyError
 from avrgym.study.storage.store import create_study
 
-TEXT = default_design_text()
+TEXT = read_default_design_text()
 TLX = """
 [[questionnaires]]
 name = "nasa_tlx"
@@ -32,7 +32,7 @@ def test_new_study_has_the_protocol_of_the_paper(tmp_path: Path) -> None:
     assert design.robot_policy_pairs == (
         ("PR2", "original"), ("PR2", "revised"), ("Jaco", "original"), ("Jaco", "revised"),
     )  # fmt: skip
-    assert design.items_at_moment("after_trial") == LIKERT_ITEMS
+    assert design.list_items_at_moment("after_trial") == LIKERT_ITEMS
     assert {question.id for question in design.inclusion if not question.required} == {
         "epilepsy",
     }
@@ -119,19 +119,21 @@ def test_binary_file_is_rejected(tmp_path: Path) -> None:
 
 def test_added_questionnaires_have_their_moments() -> None:
     design = parse_design(TEXT + TLX)
-    assert [item.id for item in design.items_at_moment("after_trial")] == ["L1", "L2", "L3", "L4"]
-    assert design.items_at_moment("before_session") == ()
-    orders = {tuple(item.id for item in design.items_at_moment("after_session", seed)) for seed in range(30)}
+    assert [item.id for item in design.list_items_at_moment("after_trial")] == ["L1", "L2", "L3", "L4"]
+    assert design.list_items_at_moment("before_session") == ()
+    orders = {
+        tuple(item.id for item in design.list_items_at_moment("after_session", seed)) for seed in range(30)
+    }
     assert orders > {("mental", "physical", "temporal")}
     assert all(set(order) == {"mental", "physical", "temporal"} for order in orders)
-    assert design.items_at_moment("after_session", 4) == design.items_at_moment("after_session", 4)
+    assert design.list_items_at_moment("after_session", 4) == design.list_items_at_moment("after_session", 4)
 
 
 def test_the_item_about_fatigue_needs_only_its_comment_marks_removed() -> None:
     start = TEXT.index("# [[questionnaires]]")
     end = TEXT.index("\n\n", start)
     added = re.sub(r"(?m)^# ", "", TEXT[start:end])
-    (item,) = parse_design(TEXT[:start] + added + TEXT[end:]).items_at_moment("after_break")
+    (item,) = parse_design(TEXT[:start] + added + TEXT[end:]).list_items_at_moment("after_break")
     assert (item.text, item.points) == ("How tired are you now?", 11)
 
 
@@ -143,15 +145,18 @@ def test_ids_are_unique_in_all_questionnaires() -> None:
 def test_blinded_experimenter_sees_letters() -> None:
     blind = TEXT.replace("blind_experimenter = false", "blind_experimenter = true")
     designs = [parse_design(blind.replace("seed = 0", f"seed = {seed}")) for seed in range(20)]
-    assert {design.displayed_policy("revised", practice=False) for design in designs} == {"A", "B"}
+    assert {design.choose_displayed_policy("revised", practice=False) for design in designs} == {"A", "B"}
     for design in designs:
-        assert {design.displayed_policy(policy, practice=False) for policy in design.policies} == {"A", "B"}
-        assert design.displayed_policy("revised", practice=True) == "practice"
-    assert parse_design(TEXT).displayed_policy("revised", practice=False) == "revised"
+        assert {design.choose_displayed_policy(policy, practice=False) for policy in design.policies} == {
+            "A",
+            "B",
+        }
+        assert design.choose_displayed_policy("revised", practice=True) == "practice"
+    assert parse_design(TEXT).choose_displayed_policy("revised", practice=False) == "revised"
 
 
 def test_goals_furniture_and_reporting_are_checked():
-    text = default_design_text()
+    text = read_default_design_text()
     design = parse_design(text)
     assert {*design.goals} == {"Feeding", "Drinking"}
     assert design.furniture == RealFurniture()

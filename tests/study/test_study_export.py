@@ -22,8 +22,8 @@ from avrgym.study.export import EXPORT_FORMATS, export_study
 from avrgym.study.export.table_files import escape_formula, write_csv
 from avrgym.study.storage.attempts import begin_attempt, end_incomplete_attempt
 from avrgym.study.storage.sessions import open_session
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from avrgym.tasks.registry import TASKS
 from helpers.studies.small_studies import (
     OBSERVATION,
@@ -41,14 +41,14 @@ SCENES = ("FeedingJaco", "FeedingPR2")
 
 
 @pytest.fixture(scope="module")
-def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
+def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StudyStore]:
     """A simulated participant with all trials and a person with some."""
-    with Store(small_study(tmp_path_factory.mktemp("study"))) as opened:
+    with StudyStore(small_study(tmp_path_factory.mktemp("study"))) as opened:
         run_participant(opened, enrol_with_consent(opened))
         person = enrol_with_consent(opened, simulated=False, name=NAME, contact="ada@example.org")
         run_participant(opened, person, trials=3, simulated=False)
         session = open_session(opened, person)
-        trial = opened.remaining_trials(person)[0]
+        trial = opened.read_remaining_trials(person)[0]
         attempt = begin_attempt(opened, session.id, trial.position)
         record(opened, attempt, trial, simulated=False)
         end_incomplete_attempt(opened, attempt.id, "stopped")
@@ -56,7 +56,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
 
 
 @pytest.fixture(scope="module")
-def exports(store: Store, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def exports(store: StudyStore, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Exports in all formats, each in a folder."""
     folder = tmp_path_factory.mktemp("exports")
     for name in EXPORT_FORMATS:
@@ -83,7 +83,9 @@ def test_export_is_pseudonymised(exports: dict[str, Path], name: str) -> None:
 
 
 @pytest.mark.parametrize("name", EXPORT_FORMATS)
-def test_export_does_not_overwrite(store: Store, exports: dict[str, Path], name: str, tmp_path: Path) -> None:
+def test_export_does_not_overwrite(
+    store: StudyStore, exports: dict[str, Path], name: str, tmp_path: Path
+) -> None:
     before = {path: path.stat().st_mtime_ns for path in exports[name].rglob("*")}
     with pytest.raises(StudyError, match="is not empty; choose another folder"):
         export_study(store, name, exports[name])
@@ -91,14 +93,16 @@ def test_export_does_not_overwrite(store: Store, exports: dict[str, Path], name:
     export_study(store, name, tmp_path)
 
 
-def test_failed_export_leaves_no_files(store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Store, "trials", lambda *_: 1 / 0)
+def test_failed_export_leaves_no_files(
+    store: StudyStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(StudyStore, "read_trials", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         export_study(store, "csv", tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_unknown_format_is_rejected(store: Store, tmp_path: Path) -> None:
+def test_unknown_format_is_rejected(store: StudyStore, tmp_path: Path) -> None:
     with pytest.raises(StudyError, match="unknown format 'xlsx'; allowed: csv, bids, hdf5, lerobot, minari"):
         export_study(store, "xlsx", tmp_path / "out")
 
@@ -156,7 +160,7 @@ def test_table_values_match_the_codebook(exports: dict[str, Path]) -> None:
             assert held.notna().all(), (row["table"], row["column"])
 
 
-def test_item_table_contains_texts(store: Store, exports: dict[str, Path]) -> None:
+def test_item_table_contains_texts(store: StudyStore, exports: dict[str, Path]) -> None:
     rows = table(exports["csv"] / "items.csv")
     for item, row in zip(store.design.items_by_id.values(), rows.itertuples(), strict=True):
         assert (row.item, row.text, row.points, row.low, row.high) == (
@@ -165,7 +169,7 @@ def test_item_table_contains_texts(store: Store, exports: dict[str, Path]) -> No
         assert (row.questionnaire, row.when) == ("likert", "after_trial")
 
 
-def test_torso_heights_match_recordings(store: Store, exports: dict[str, Path]) -> None:
+def test_torso_heights_match_recordings(store: StudyStore, exports: dict[str, Path]) -> None:
     attempts = table(exports["csv"] / "attempts.csv")
     completed = attempts["state"] == "completed"
     assert attempts.loc[completed, "torso_height_m"].eq(TORSO_HEIGHT_M).all()
@@ -373,7 +377,7 @@ def test_lerobot_metadata_describes_the_dataset(exports: dict[str, Path], scene:
     for name, feature in info["features"].items():
         assert np.atleast_1d(frames[name].iloc[0]).shape == tuple(feature["shape"])
     assert info["features"]["action"]["names"] == list(
-        TASKS["Feeding"].scene(find_robot(scene[7:])).arm.joints
+        TASKS["Feeding"].make_scene(find_robot(scene[7:])).arm.joints
     )
     schema = pq.read_schema(folder / "data" / "chunk-000" / "file-000.parquet")
     assert str(schema.field("action").type) == "fixed_size_list<element: float>[7]"
@@ -422,7 +426,7 @@ def check_quantiles(column: Any, found: dict[str, Any]) -> None:
 @pytest.mark.parametrize("shape", [(1,), (7,), (200,), (1, 3), (200, 7)])
 def test_lerobot_quantiles_match_numpy(shape: tuple[int, ...]) -> None:
     values = np.random.default_rng(5).normal(size=shape).astype(np.float32)
-    found = FeatureStatistics(values).values()
+    found = FeatureStatistics(values).to_dict()
     check_quantiles(values, found)
     ordered = [found[name] for name in ("min", "q01", "q10", "q50", "q90", "q99", "max")]
     assert (np.diff(ordered, axis=0) >= 0.0).all()

@@ -6,9 +6,9 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
-from avrgym.study.design.design import DesignError, default_design_text, parse_design
-from avrgym.study.sessions.visit import plan_session
-from avrgym.study.storage.store import Store
+from avrgym.study.design.design import DesignError, parse_design, read_default_design_text
+from avrgym.study.sessions.study_visit import plan_session
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.known_results import enrol_included
 from helpers.studies.small_studies import make_study
 
@@ -16,17 +16,17 @@ LINE = "force_guard = true\n"
 
 
 def test_default_of_the_force_guard() -> None:
-    assert parse_design(default_design_text()).force_guard
-    assert not parse_design(default_design_text().replace(LINE, "")).force_guard
+    assert parse_design(read_default_design_text()).force_guard
+    assert not parse_design(read_default_design_text().replace(LINE, "")).force_guard
     with pytest.raises(DesignError, match="force_guard"):
-        parse_design(default_design_text().replace(LINE, 'force_guard = "yes"\n'))
+        parse_design(read_default_design_text().replace(LINE, 'force_guard = "yes"\n'))
 
 
 @pytest.mark.parametrize("force_guard", ["true", "false"])
 def test_sessions_use_the_force_guard_of_the_design(tmp_path: Path, force_guard: str) -> None:
-    with Store(make_study(tmp_path / "study", force_guard=force_guard)) as store:
+    with StudyStore(make_study(tmp_path / "study", force_guard=force_guard)) as store:
         plan = plan_session(store, enrol_included(store))
-    assert plan.force_guard == (force_guard == "true")
+    assert plan.has_force_guard == (force_guard == "true")
 
 
 def test_server_has_no_force_guard_option_for_studies(tmp_path: Path) -> None:

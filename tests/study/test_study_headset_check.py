@@ -6,13 +6,13 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from avrgym.analysis.study import analyse_study
-from avrgym.recording.configuration import HeadsetCheck, TrackedPart
-from avrgym.study.design.design import default_design_text, parse_design
-from avrgym.study.sessions.visit import StudyVisit, plan_session
+from avrgym.analysis.study_analysis import analyse_study
+from avrgym.recording.configuration import HeadsetCheck, TrackingQuality
+from avrgym.study.design.design import parse_design, read_default_design_text
+from avrgym.study.sessions.study_visit import StudyVisit, plan_session
 from avrgym.study.storage.sessions import store_headset_check
-from avrgym.study.storage.store import Store
-from avrgym.vr.latency import STAGES
+from avrgym.study.storage.store import StudyStore
+from avrgym.vr.latency import LATENCY_STAGES
 from avrgym.vr.session import events
 from helpers.studies.known_results import enrol_included, write_without_figures
 from helpers.studies.small_studies import make_study
@@ -27,18 +27,18 @@ CHECK = HeadsetCheck(
     num_frames=4320,
     frame_rate_hz=71.9,
     dropped_share=0.002,
-    latency_ms={stage: {"p50": 31.0, "p95": 44.0, "p99": 50.0} for stage in ("total_ms", *STAGES)},
-    head=TrackedPart("headset", 1.0, 0.31),
-    left=TrackedPart("controller", 1.0, 0.52, 0.61),
-    right=TrackedPart("controller", 1.0, 0.48, 0.63),
+    latency_ms={stage: {"p50": 31.0, "p95": 44.0, "p99": 50.0} for stage in ("total_ms", *LATENCY_STAGES)},
+    head=TrackingQuality("headset", 1.0, 0.31),
+    left=TrackingQuality("controller", 1.0, 0.52, 0.61),
+    right=TrackingQuality("controller", 1.0, 0.48, 0.63),
     vibration_felt=True,
     sound_heard=True,
 )
 
 
 def test_default_of_the_headset_check() -> None:
-    assert parse_design(default_design_text()).headset_check
-    assert not parse_design(default_design_text().replace(LINE, "")).headset_check
+    assert parse_design(read_default_design_text()).headset_check
+    assert not parse_design(read_default_design_text().replace(LINE, "")).headset_check
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_default_of_the_headset_check() -> None:
 def test_design_or_server_selects_the_headset_check(
     tmp_path: Path, design: str, simulated: bool, asked: bool, checks: bool
 ) -> None:
-    with Store(make_study(tmp_path / "study", headset_check=design)) as store:
+    with StudyStore(make_study(tmp_path / "study", headset_check=design)) as store:
         plan = plan_session(store, enrol_included(store, simulated=simulated), headset_check=asked)
     assert (plan.headset_check is not None) is checks
 
@@ -62,22 +62,22 @@ def test_design_or_server_selects_the_headset_check(
 @pytest.mark.slow
 def test_check_is_stored_with_its_session(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study")
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         unchecked, pseudonym = enrol_included(store), enrol_included(store, simulated=False)
         for who in (unchecked, pseudonym):
             with StudyVisit(store, who) as visit:
                 if who == pseudonym:
-                    shaky = msgspec.structs.replace(CHECK, head=TrackedPart("headset", 1.0, 4.0))
+                    shaky = msgspec.structs.replace(CHECK, head=TrackingQuality("headset", 1.0, 4.0))
                     for check in (shaky, CHECK):
                         visit._observer()(events.HeadsetChecked(1.0, check))
-        assert [session.latest_headset_check for session in store.sessions(unchecked)] == [None]
-        assert [session.latest_headset_check for session in store.sessions(pseudonym)] == [CHECK]
-        told = [each.detail for each in store.events() if each.name == "headset checked"]
+        assert [session.latest_headset_check for session in store.read_sessions(unchecked)] == [None]
+        assert [session.latest_headset_check for session in store.read_sessions(pseudonym)] == [CHECK]
+        told = [each.detail for each in store.read_events() if each.name == "headset checked"]
         assert "No-go. Your head jitters at rest by 4.0 mm" in told[0]
         assert told[1].startswith(
             "Go: the headset is ready. 72 frames per second (display: 72); 0.2 % dropped"
         )
-        assert not store.database.find_faults()
+        assert not store.database.find_integrity_errors()
         write_without_figures(analyse_study(store), store.folder, tmp_path / "out")
     page = (tmp_path / "out/report/index.html").read_text()
     methods = page[page.index('id="methods"') :]
@@ -101,7 +101,7 @@ def test_tested_stop_is_in_table_and_report(
     tmp_path: Path, stop: str | None, after_s: float | None, row: list[str], shown: str
 ) -> None:
     """A check of an earlier version has neither a stop nor its time."""
-    with Store(make_study(tmp_path / "study")) as store:
+    with StudyStore(make_study(tmp_path / "study")) as store:
         with StudyVisit(store, enrol_included(store, simulated=False)) as visit:
             check = msgspec.structs.replace(CHECK, stop_method=stop, stop_delay_s=after_s)
             visit._observer()(events.HeadsetChecked(1.0, check))
@@ -114,7 +114,7 @@ def test_tested_stop_is_in_table_and_report(
 
 
 def test_report_without_headset_checks(tmp_path: Path) -> None:
-    with Store(make_study(tmp_path / "study")) as store:
+    with StudyStore(make_study(tmp_path / "study")) as store:
         with StudyVisit(store, enrol_included(store)):
             pass
         write_without_figures(analyse_study(store), store.folder, tmp_path / "out")
@@ -123,8 +123,8 @@ def test_report_without_headset_checks(tmp_path: Path) -> None:
 
 
 def test_check_after_the_session_is_rejected(tmp_path: Path) -> None:
-    with Store(make_study(tmp_path / "study")) as store:
+    with StudyStore(make_study(tmp_path / "study")) as store:
         with StudyVisit(store, enrol_included(store)) as visit:
             pass
         with pytest.raises(Exception, match="allowed: an open session"):
-            store_headset_check(store, visit.stored.id, CHECK)
+            store_headset_check(store, visit.stored_session.id, CHECK)

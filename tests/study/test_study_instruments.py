@@ -9,19 +9,19 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from avrgym.analysis.study import analyse_study
+from avrgym.analysis.study_analysis import analyse_study
 from avrgym.questionnaires.nasa_tlx import FACTOR_PAIRS, WORKLOAD_FACTORS
 from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.recording.schema import Answer
-from avrgym.study.checking.summary import summarise_results
-from avrgym.study.dashboard.views import participant_view
-from avrgym.study.design.design import DesignError, default_design_text, parse_design, read_design
+from avrgym.study.checking.study_summary import summarise_results
+from avrgym.study.dashboard.displayed_data import make_displayed_participant
+from avrgym.study.design.design import DesignError, parse_design, read_default_design_text, read_design
 from avrgym.study.export import export_study
 from avrgym.study.storage import database
 from avrgym.study.storage.answers import record_session_answer, record_trial_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.known_results import enrol_included, record_trial, write_without_figures
 from helpers.studies.small_studies import make_study
 
@@ -40,13 +40,13 @@ use = "ssq"
 when = ["before_session", "after_session"]
 order = "random"
 """
-LAST_LINE = default_design_text().count("\n")
+LAST_LINE = read_default_design_text().count("\n")
 WEIGHTS = "mental = 3, physical = 0, temporal = 5, performance = 1, effort = 3, frustration = 3"
 PEOPLE = 3
 
 
 def using(table: str) -> str:
-    return f"{default_design_text()}\n[[questionnaires]]\n{table}\n"
+    return f"{read_default_design_text()}\n[[questionnaires]]\n{table}\n"
 
 
 # The design
@@ -58,7 +58,9 @@ def test_use_adds_items_of_an_instrument(name: str) -> None:
     instrument = INSTRUMENTS[name]
     assert (questionnaire.name, questionnaire.instrument) == (name, instrument)
     asked = [(item.id, item.text, item.points) for item in questionnaire.items]
-    assert asked == [(item.id, item.text, instrument.response_scale.points) for item in instrument.items]
+    assert asked == [
+        (item.id, item.text, instrument.response_scale.option_count) for item in instrument.items
+    ]
 
 
 @pytest.mark.parametrize(
@@ -113,7 +115,7 @@ def test_instrument_is_used_once() -> None:
 
 
 def test_custom_items_have_a_label_for_each_point() -> None:
-    text = default_design_text().replace(
+    text = read_default_design_text().replace(
         'high = "strongly agree" }', 'high = "strongly agree", labels = ["no", "yes"] }', 1
     )
     with pytest.raises(DesignError, match=r"2 labels for 7 points; allowed: one label for each point"):
@@ -154,7 +156,7 @@ def rating(number: int, revised: bool, place: int) -> int:
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
+def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StudyStore]:
     """People with workload ratings after each trial and symptoms before and after; the last lacks one answer."""
     folder = tmp_path_factory.mktemp("study")
     make_study(folder, tasks='["Feeding"]', robots='["Jaco"]', practice_policy='""', trial_steps="5")
@@ -162,22 +164,22 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
         file.write(USED)
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
-        with Store(folder) as store:
+        with StudyStore(folder) as store:
             for number in range(1, PEOPLE + 1):
                 take_part_whole(store, number)
             yield store
 
 
-def take_part_whole(store: Store, number: int) -> None:
+def take_part_whole(store: StudyStore, number: int) -> None:
     pseudonym = enrol_included(store, simulated=False)
     session = open_session(store, pseudonym).id
     answer(store, session, "before_session", {item.id: 1 for item in INSTRUMENTS["ssq"].items})
-    for trial in store.remaining_trials(pseudonym):
+    for trial in store.read_remaining_trials(pseudonym):
         attempt = begin_attempt(store, session, trial.position)
         metrics = record_trial(
-            store.absolute_path(attempt.recording), store.design, store.participant(pseudonym), trial
+            store.resolve_path(attempt.recording), store.design, store.read_participant(pseudonym), trial
         )
-        for place, item in enumerate(store.design.items_at_moment("after_trial")):
+        for place, item in enumerate(store.design.list_items_at_moment("after_trial")):
             value = 4 if place < 4 else rating(number, trial.policy == "revised", place)
             record_trial_answer(store, attempt.id, Answer(item.id, value, 1.0))
         complete_attempt(store, attempt.id, metrics)
@@ -189,13 +191,13 @@ def take_part_whole(store: Store, number: int) -> None:
     close_session(store, session)
 
 
-def answer(store: Store, session: int, when: str, values: dict[str, int]) -> None:
+def answer(store: StudyStore, session: int, when: str, values: dict[str, int]) -> None:
     for item, value in values.items():
         record_session_answer(store, session, Answer(item, value, 1.0), when)
 
 
 @pytest.fixture(scope="module")
-def out(study: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(study: StudyStore, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("out")
     write_without_figures(analyse_study(study), study.folder, folder / "analysis")
     export_study(study, "csv", folder / "export")
@@ -285,9 +287,9 @@ def test_studies_without_instruments_have_no_score_tables(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
-    with Store(make_study(tmp_path / "study")) as store:
+    with StudyStore(make_study(tmp_path / "study")) as store:
         export_study(store, "csv", tmp_path / "export")
-        names = [table.name for table in analyse_study(store).tables()]
+        names = [table.name for table in analyse_study(store).make_tables()]
     assert not {"scores.csv", "scales.csv"} & {path.name for path in (tmp_path / "export").iterdir()}
     assert not {"scores", "score_summaries"} & set(names)
     assert "scales" not in (tmp_path / "export" / "codebook.csv").read_text()
@@ -345,7 +347,7 @@ def test_report_and_methods_contain_published_scale_names(out: Path) -> None:
 
 
 @pytest.mark.slow
-def test_bids_export_describes_its_values(study: Store, tmp_path: Path) -> None:
+def test_bids_export_describes_its_values(study: StudyStore, tmp_path: Path) -> None:
     export_study(study, "bids", tmp_path / "bids")
     for name in ("nasa-tlx", "ssq", "likert"):
         rows = pd.read_csv(tmp_path / "bids" / "phenotype" / f"{name}.tsv", sep="\t")
@@ -358,10 +360,11 @@ def test_bids_export_describes_its_values(study: Store, tmp_path: Path) -> None:
             assert (next(iter(levels)), list(levels)[-1], len(levels)) == (str(least), str(most), points)
 
 
-def test_dashboard_shows_each_score_with_its_range(study: Store, out: Path) -> None:
+def test_dashboard_shows_each_score_with_its_range(study: StudyStore, out: Path) -> None:
     scores = read(out / "analysis" / "tables" / "scores.csv").query("participant == 'sub-001'")
     shown = {
-        (each.moment, each.position, each.scale): each for each in participant_view(study, "sub-001").scores
+        (each.moment, each.position, each.scale): each
+        for each in make_displayed_participant(study, "sub-001").scores
     }
     assert len(shown) == len(scores)
     for row in scores.itertuples():
@@ -371,7 +374,7 @@ def test_dashboard_shows_each_score_with_its_range(study: Store, out: Path) -> N
         assert seen.score == pytest.approx(row.score, nan_ok=True)
 
 
-def test_dashboard_shows_means_on_the_scales_of_instruments(study: Store, out: Path) -> None:
+def test_dashboard_shows_means_on_the_scales_of_instruments(study: StudyStore, out: Path) -> None:
     shown = {row.policy: row.answer_means for row in summarise_results(study)}
     items = read(out / "analysis" / "tables" / "subjective.csv").query("task == 'all' and robot == 'all'")
     for row in items.itertuples():

@@ -9,15 +9,15 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 
-from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.finding import Finding
-from avrgym.study.people.deletion import delete_participant
-from avrgym.study.people.participants import add_note, enrol_participant, withdraw
+from avrgym.study.checking.study_checks import check_study
+from avrgym.study.people.participant_deletion import delete_participant
+from avrgym.study.people.participants import add_note, enrol_participant, withdraw_participant
 from avrgym.study.storage import database, integrity_files, schema
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.flipped_bits import flip_bit, is_detected
 from helpers.studies.small_studies import (
     METRICS,
@@ -71,7 +71,7 @@ def _study(folder: Path, url: str) -> Path:
         patch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
         if url:
             patch.setenv(database.DATABASE_URL_VARIABLE, url)
-        with Store(small_study(folder)) as store:
+        with StudyStore(small_study(folder)) as store:
             run_participant(store, enrol_with_consent(store))
             run_participant(
                 store, enrol_with_consent(store, simulated=False, name="Ada"), trials=2, simulated=False
@@ -81,13 +81,13 @@ def _study(folder: Path, url: str) -> Path:
 
 
 def wrong(folder: Path) -> list[Finding]:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         return [finding for finding in check_study(store) if finding.is_error]
 
 
 def run_sql(folder: Path, *statements: str) -> None:
     """Edit the database directly."""
-    with Store(folder) as store, store.database._engine.begin() as connection:
+    with StudyStore(folder) as store, store.database._engine.begin() as connection:
         for statement in statements:
             connection.execute(sa.text(statement))
 
@@ -132,9 +132,9 @@ def test_edited_database_is_found(folder: Path, edit: str) -> None:
 
 @pytest.mark.parametrize("more_m", [0.0, 0.01], ids=["same", "taller"])
 def test_different_torso_height_in_a_recording_is_found(tmp_path: Path, more_m: float) -> None:
-    with Store(small_study(tmp_path)) as store:
+    with StudyStore(small_study(tmp_path)) as store:
         session = open_session(store, enrol_with_consent(store))
-        trial = store.remaining_trials("sub-001")[0]
+        trial = store.read_remaining_trials("sub-001")[0]
         attempt = begin_attempt(store, session.id, trial.position, torso_height_m=TORSO_HEIGHT_M + more_m)
         record(store, attempt, trial)
         complete_attempt(store, attempt.id, METRICS)
@@ -154,24 +154,27 @@ def test_truncated_chain_is_found(folder: Path) -> None:
 
 def test_damaged_rows_raise_errors(folder: Path) -> None:
     run_sql(folder, EDITS["an unknown state"])
-    with Store(folder) as store, pytest.raises(StudyError, match="unknown state 'zombie'; allowed: enrolled"):
-        store.participants()
+    with (
+        StudyStore(folder) as store,
+        pytest.raises(StudyError, match="unknown state 'zombie'; allowed: enrolled"),
+    ):
+        store.read_participants()
 
 
 def test_own_changes_are_no_findings(folder: Path) -> None:
-    with Store(folder) as store, Store(folder) as beside:
+    with StudyStore(folder) as store, StudyStore(folder) as beside:
         assert [finding for finding in check_study(store) if finding.is_error] == []
-        withdraw(beside, "sub-002", "felt sick")
+        withdraw_participant(beside, "sub-002", "felt sick")
         enrol_participant(store, "man")
         assert [finding for finding in check_study(beside) if finding.is_error] == []
     assert wrong(folder) == []
 
 
 def test_deletion_keeps_a_valid_chain(folder: Path) -> None:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         delete_participant(store, "sub-002")
     assert wrong(folder) == []
-    with Store(folder) as store, store.database.read_transaction() as connection:
+    with StudyStore(folder) as store, store.database.read_transaction() as connection:
         kept = sa.select(schema.PARTICIPANT_TABLE.c.salt).where(schema.PARTICIPANT_TABLE.c.number == 2)
         assert connection.execute(kept).first() is None
         entries = connection.execute(
@@ -183,13 +186,13 @@ def test_deletion_keeps_a_valid_chain(folder: Path) -> None:
 
 
 def test_rejected_action_adds_no_entry(folder: Path) -> None:
-    with Store(folder) as store:
-        before = store.database.chain_head()
+    with StudyStore(folder) as store:
+        before = store.database.read_chain_head()
         with pytest.raises(StudyError):
-            withdraw(store, "sub-009")
+            withdraw_participant(store, "sub-009")
         with pytest.raises(StudyError, match="is not a session of sub-002"):
             add_note(store, "sub-002", "x", session=99)
-        assert store.database.chain_head() == before
+        assert store.database.read_chain_head() == before
     assert wrong(folder) == []
 
 
@@ -213,7 +216,7 @@ def test_earlier_edit_is_found_after_a_session(on_sqlite: Path) -> None:
     data = bytearray(path.read_bytes())
     data[_unused(data)] ^= 1
     path.write_bytes(data)
-    with Store(on_sqlite) as store:
+    with StudyStore(on_sqlite) as store:
         enrol_participant(store, "man")
     assert [finding.where for finding in wrong(on_sqlite)] == ["study.db"]
     (on_sqlite / integrity_files.CHECKSUM_MISMATCH_FILE).unlink()
@@ -228,12 +231,12 @@ def _unused(data: bytearray) -> int:
 def test_older_copy_of_the_database_is_found(on_sqlite: Path, tmp_path: Path) -> None:
     for name in ("study.db", "study.db.sha256"):
         shutil.copy(on_sqlite / name, tmp_path)
-    with Store(on_sqlite) as store:
+    with StudyStore(on_sqlite) as store:
         add_note(store, "sub-002", "a later note")
     for name in ("study.db", "study.db.sha256"):
         shutil.copy(tmp_path / name, on_sqlite)
     assert "an older copy replaced it" in str(wrong(on_sqlite))
-    with Store(on_sqlite) as store:
+    with StudyStore(on_sqlite) as store:
         add_note(store, "sub-002", "it goes on")
     assert "an older copy replaced it" in str(wrong(on_sqlite))
 
@@ -259,8 +262,8 @@ KILLED = """
 import os, sys
 from pathlib import Path
 from avrgym.study.people.participants import add_note
-from avrgym.study.storage.store import Store
-store = Store(Path(sys.argv[1]))
+from avrgym.study.storage.store import StudyStore
+store = StudyStore(Path(sys.argv[1]))
 print("ready", flush=True)
 while True:
     add_note(store, "sub-002", "again")
@@ -275,8 +278,8 @@ def test_kills_between_transaction_and_checksum_cause_no_finding(folder: Path) -
         with subprocess.Popen(command, stdout=subprocess.PIPE, preexec_fn=kill_with_parent) as process:
             assert process.stdout is not None
             assert process.stdout.readline() == b"ready\n"
-            with Store(folder) as store:
-                while len(store.notes("sub-002")) < 5 * (pause + 1):
+            with StudyStore(folder) as store:
+                while len(store.read_notes("sub-002")) < 5 * (pause + 1):
                     pass
             process.kill()
         assert wrong(folder) == []
@@ -291,7 +294,7 @@ def test_study_of_an_earlier_version_keeps_its_hash_chain(
 ) -> None:
     monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     folder = Path(shutil.copytree(OLD, tmp_path / "old"))
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         findings = check_study(store)
     assert {finding.where for finding in findings if finding.is_error} <= {"private", "private/key.json"}
     run_sql(folder, "UPDATE answer SET value = 8 - value WHERE id = 1")

@@ -9,11 +9,11 @@ from playwright.sync_api import Page, expect
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
-from avrgym.study.design.design import FILE, read_design
+from avrgym.study.design.design import DESIGN_FILE, read_design
 from avrgym.study.storage import database
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.vr.emulation.emulated_headset import DONE_BUTTON, EmulatedHeadset
+from avrgym.vr.emulation.emulated_headset import DONE_BUTTON_VALUE, EmulatedHeadset
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from helpers.browser.journey import (
     SEATING,
@@ -96,8 +96,8 @@ def test_study_continues_after_a_server_crash(folder: Path) -> None:
     assert kept.items() <= digests(folder).items()
     checked = CliRunner().invoke(app, ["study", "check", str(folder)])
     assert (checked.exit_code, checked.stdout.splitlines()[-1]) == (0, "no errors")
-    with Store(folder) as store:
-        given = [(answer.item, answer.value) for answer in store.answers("sub-001")]
+    with StudyStore(folder) as store:
+        given = [(answer.item, answer.value) for answer in store.read_answers("sub-001")]
     assert given == [("nausea", 2), *ANSWERS.items(), *ANSWERS.items()]
 
 
@@ -124,7 +124,7 @@ def take_in(dashboard: Page, folder: Path) -> None:
     dashboard.get_by_label("They have read version 1 and agree").check()
     dashboard.get_by_role("button", name="Record consent").click()
     questions = dashboard.locator("#questions").get_by_role("group")
-    asked = read_design(folder / FILE).inclusion
+    asked = read_design(folder / DESIGN_FILE).inclusion
     expect(questions).to_have_count(len(asked))
     for number, question in enumerate(asked):
         questions.nth(number).get_by_label("yes" if question.required else "no").check()
@@ -156,7 +156,7 @@ def come_in(dashboard: Page, headset: EmulatedHeadset) -> None:
 
 
 def sit_down(headset: EmulatedHeadset, participant: SimulatedParticipant) -> None:
-    headset.set_poses(participant.tracking_frame(0.0, moving=False))
+    headset.set_poses(participant.make_tracking_frame(0.0, moving=False))
     headset.enter_vr()
     finish_phases(headset, *SEATING)
 
@@ -166,7 +166,7 @@ def answer_all(headset: EmulatedHeadset) -> None:
         wait_for_buttons(headset, item)
         headset.select_answer(value)
     wait_for_buttons(headset, "confirm")
-    headset.select_answer(DONE_BUTTON)
+    headset.select_answer(DONE_BUTTON_VALUE)
 
 
 def await_attempt(headset: EmulatedHeadset, trial: int) -> None:
@@ -182,11 +182,11 @@ def await_attempt(headset: EmulatedHeadset, trial: int) -> None:
 
 
 def states(folder: Path) -> list[str]:
-    with Store(folder) as store:
-        return [attempt.state for attempt in store.attempts("sub-001")]
+    with StudyStore(folder) as store:
+        return [attempt.state for attempt in store.read_attempts("sub-001")]
 
 
 def digests(folder: Path) -> dict[str, str]:
     """The checksums of closed recordings; asserts that they match the files."""
-    with Store(folder) as store:
-        return {each.recording: each.sha256 for each in store.attempts("sub-001") if each.sha256}
+    with StudyStore(folder) as store:
+        return {each.recording: each.sha256 for each in store.read_attempts("sub-001") if each.sha256}

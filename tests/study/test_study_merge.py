@@ -7,27 +7,27 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.analysis.plan import required_tests, suggested_hypotheses
-from avrgym.study.checking.checks import check_study
+from avrgym.analysis.plan import list_required_tests, suggest_hypotheses
 from avrgym.study.checking.design_checks import check_design
-from avrgym.study.merge.merging import merge_studies
-from avrgym.study.people import deletion
-from avrgym.study.people.deletion import delete_participant
+from avrgym.study.checking.study_checks import check_study
+from avrgym.study.merge.study_merge import merge_studies
+from avrgym.study.people import participant_deletion
+from avrgym.study.people.participant_deletion import delete_participant
 from avrgym.study.people.participants import (
     add_note,
     enrol_participant,
     record_consent,
-    record_inclusion,
-    withdraw,
+    record_inclusion_answers,
+    withdraw_participant,
 )
-from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.frozen_plan import adopt_plan, freeze_plan, read_frozen_plan
+from avrgym.study.plan.frozen_plan import adopt_frozen_plan, freeze_analysis_plan, read_frozen_plan_evidence
+from avrgym.study.plan.plan_deviations import find_deviations
 from avrgym.study.plan.plan_template import write_plan_template
 from avrgym.study.storage import database
 from avrgym.study.storage.attempts import begin_attempt, end_incomplete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.sites import (
     add_participant,
     check_errors,
@@ -72,17 +72,19 @@ def out(tmp_path: Path) -> Path:
     return tmp_path / "all"
 
 
-def without_keys(store: Store, pseudonym: str) -> list:
+def without_keys(store: StudyStore, pseudonym: str) -> list:
     """The data of a participant without ids."""
-    trials = [(each.position, each.environment, each.seed, each.state) for each in store.trials(pseudonym)]
-    attempts = [
-        (each.number, each.state, each.sha256, each.metrics, store.absolute_path(each.recording).read_bytes())
-        for each in store.attempts(pseudonym)
+    trials = [
+        (each.position, each.environment, each.seed, each.state) for each in store.read_trials(pseudonym)
     ]
-    answers = [(each.item, each.value, each.answered_at) for each in store.answers(pseudonym)]
-    number = store.participant(pseudonym).number
-    events = [(each.recorded_at, each.name) for each in store.events() if each.participant == number]
-    return [trials, attempts, answers, events, [note.text for note in store.notes(pseudonym)]]
+    attempts = [
+        (each.number, each.state, each.sha256, each.metrics, store.resolve_path(each.recording).read_bytes())
+        for each in store.read_attempts(pseudonym)
+    ]
+    answers = [(each.item, each.value, each.answered_at) for each in store.read_answers(pseudonym)]
+    number = store.read_participant(pseudonym).number
+    events = [(each.recorded_at, each.name) for each in store.read_events() if each.participant == number]
+    return [trials, attempts, answers, events, [note.text for note in store.read_notes(pseudonym)]]
 
 
 @pytest.mark.slow
@@ -93,8 +95,8 @@ def test_merge_contains_each_participant_once(sites: list[Path], out: Path) -> N
         ("atlanta", "sub-1001 to sub-1002"),
         ("berlin", "sub-2001"),
     ]
-    with Store(out) as store, Store(sites[0]) as atlanta, Store(sites[1]) as berlin:
-        people = [(each.pseudonym, each.site, each.site_pseudonym) for each in store.participants()]
+    with StudyStore(out) as store, StudyStore(sites[0]) as atlanta, StudyStore(sites[1]) as berlin:
+        people = [(each.pseudonym, each.site, each.pseudonym_at_site) for each in store.read_participants()]
         assert people == [
             ("sub-1001", "atlanta", "sub-001"),
             ("sub-1002", "atlanta", "sub-002"),
@@ -131,11 +133,11 @@ def test_second_merge_adds_new_data(sites: list[Path], out: Path, tmp_path: Path
     assert sorted(after) == [*sorted(before), "sub-3001"]
     assert {name: after[name] for name in before} == before
     add_participant(sites[0], 1)
-    with Store(sites[1]) as store:
-        withdraw(store, "sub-001", "felt sick")
+    with StudyStore(sites[1]) as store:
+        withdraw_participant(store, "sub-001", "felt sick")
     merge_studies(sites, out)
-    with Store(out) as store:
-        states = {each.pseudonym: each.state for each in store.participants()}
+    with StudyStore(out) as store:
+        states = {each.pseudonym: each.state for each in store.read_participants()}
     assert states == {
         "sub-1001": "completed",
         "sub-1002": "allocated",
@@ -147,10 +149,10 @@ def test_second_merge_adds_new_data(sites: list[Path], out: Path, tmp_path: Path
 
 
 def test_merge_deletes_participants_deleted_at_a_site(sites: list[Path], out: Path) -> None:
-    with Store(sites[0]) as store:
+    with StudyStore(sites[0]) as store:
         add_note(store, "sub-001", "she-laughed-out-loud")
     merge_studies(sites, out)
-    with Store(sites[0]) as store:
+    with StudyStore(sites[0]) as store:
         delete_participant(store, "sub-001")
     assert merge_studies(sites, out)[0].deleted_participant_count == 1
     assert "sub-1001" not in study_contents(out)
@@ -163,10 +165,10 @@ def test_interrupted_deletion_is_completed_by_the_next_merge(
     sites: list[Path], out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     merge_studies(sites, out)
-    with Store(sites[0]) as store:
+    with StudyStore(sites[0]) as store:
         delete_participant(store, "sub-001")
     with monkeypatch.context() as broken:
-        broken.setattr(deletion, "remove_recordings", lambda *_: 1 / 0)
+        broken.setattr(participant_deletion, "remove_recordings", lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             merge_studies(sites, out)
     merge_studies(sites, out)
@@ -176,7 +178,7 @@ def test_interrupted_deletion_is_completed_by_the_next_merge(
 
 def test_deletion_in_a_merged_study_is_permanent(sites: list[Path], out: Path) -> None:
     merge_studies(sites, out)
-    with Store(out) as store:
+    with StudyStore(out) as store:
         delete_participant(store, "sub-2001")
     merge_studies(sites, out)
     assert sorted(study_contents(out)) == ["sub-1001", "sub-1002"]
@@ -187,11 +189,11 @@ def test_deletion_in_a_merged_study_is_permanent(sites: list[Path], out: Path) -
 def test_merged_study_has_no_sessions_of_its_own(sites: list[Path], out: Path) -> None:
     merge_studies(sites, out)
     before = study_contents(out)
-    with Store(out) as store:
+    with StudyStore(out) as store:
         for action in (
             lambda: enrol_participant(store, "man"),
             lambda: open_session(store, "sub-1002"),
-            lambda: withdraw(store, "sub-1002"),
+            lambda: withdraw_participant(store, "sub-1002"),
             lambda: add_note(store, "sub-1002", "x"),
         ):
             with pytest.raises(
@@ -202,20 +204,20 @@ def test_merged_study_has_no_sessions_of_its_own(sites: list[Path], out: Path) -
 
 
 def test_open_session_is_updated_by_the_next_merge(sites: list[Path], out: Path) -> None:
-    with Store(sites[0]) as store:
+    with StudyStore(sites[0]) as store:
         session = open_session(store, "sub-002")
-        trial = store.remaining_trials("sub-002")[0]
+        trial = store.read_remaining_trials("sub-002")[0]
         attempt = begin_attempt(store, session.id, trial.position)
-        store.absolute_path(attempt.recording).write_bytes(b"the beginning")
+        store.resolve_path(attempt.recording).write_bytes(b"the beginning")
         merge_studies(sites, out)
         assert study_contents(out)["sub-1002"][3][-1].state == "running"
         assert check_errors(out) == []
-        store.absolute_path(attempt.recording).unlink()
+        store.resolve_path(attempt.recording).unlink()
         record(store, attempt, trial, simulated=False)
         end_incomplete_attempt(store, attempt.id, "stopped")
         close_session(store, session.id)
     merge_studies(sites, out)
-    with Store(out) as merged, Store(sites[0]) as site:
+    with StudyStore(out) as merged, StudyStore(sites[0]) as site:
         assert without_keys(merged, "sub-1002") == without_keys(site, "sub-002")
     assert check_errors(out) == []
 
@@ -223,20 +225,20 @@ def test_open_session_is_updated_by_the_next_merge(sites: list[Path], out: Path)
 def test_study_of_an_earlier_version_is_merged(tmp_path: Path, out: Path) -> None:
     old = Path(shutil.copytree(DATA / "study-of-0.2.0", tmp_path / "old"))
     merge_studies([old], out)
-    with Store(old) as store, Store(out) as merged:
-        for person in store.participants():
+    with StudyStore(old) as store, StudyStore(out) as merged:
+        for person in store.read_participants():
             there = f"sub-1{person.pseudonym.removeprefix('sub-')}"
             assert without_keys(merged, there) == without_keys(store, person.pseudonym)
     assert check_errors(out) == []
 
 
 def test_sites_with_a_shared_database_are_blocks(tmp_path: Path) -> None:
-    with Store(small_study(tmp_path / "study")) as store:
+    with StudyStore(small_study(tmp_path / "study")) as store:
         for number in range(8):
             pseudonym = enrol_participant(store, "woman", site="berlin" if number % 2 else "atlanta")
             record_consent(store, pseudonym)
-            record_inclusion(store, pseudonym, eligible_answers(store))
-        cells = [(each.site, each.cell) for each in store.participants()]
+            record_inclusion_answers(store, pseudonym, eligible_answers(store))
+        cells = [(each.site, each.cell) for each in store.read_participants()]
         assert sorted(cells) == [(site, cell) for site in ("atlanta", "berlin") for cell in range(4)]
         with pytest.raises(StudyError, match="'a b' is not a valid site; allowed: at most 40 letters"):
             enrol_participant(store, "man", site="a b")
@@ -255,7 +257,7 @@ def test_translations_are_merged_and_must_agree(tmp_path: Path, out: Path) -> No
         merge_studies(sites, out)
     shutil.copy(sites[0] / "texts" / "de.toml", sites[1] / "texts")
     merge_studies(sites, out)
-    with Store(out) as store:
+    with StudyStore(out) as store:
         assert store.design.goals["Feeding"] == "Taste it."
     assert (out / "texts" / "de.toml").read_bytes() == (sites[0] / "texts" / "de.toml").read_bytes()
 
@@ -290,7 +292,7 @@ def _longer_trials(sites: list[Path]) -> list[Path]:
     shutil.rmtree(sites[1])
     make_site(sites[1], trials=())
     set_in_design(sites[1], "trial_steps = 200", "trial_steps = 100")
-    Store(sites[1]).close()
+    StudyStore(sites[1]).close()
     return sites
 
 
@@ -298,12 +300,12 @@ def _other_policies(sites: list[Path]) -> list[Path]:
     shutil.rmtree(sites[1])
     make_site(sites[1], trials=())
     set_in_design(sites[1], 'policies = ["original", "revised"]', 'policies = ["revised"]')
-    Store(sites[1]).close()
+    StudyStore(sites[1]).close()
     return sites
 
 
 def _edited(sites: list[Path]) -> list[Path]:
-    with Store(sites[1]) as store, store.database._engine.begin() as connection:
+    with StudyStore(sites[1]) as store, store.database._engine.begin() as connection:
         connection.exec_driver_sql("UPDATE trial SET seed = 1")
     return sites
 
@@ -386,7 +388,7 @@ def test_accepted_differences_are_reported(sites: list[Path], out: Path) -> None
     for _ in range(2):
         merge_studies(sites, out, accept_differences=True, report=told.append)
     assert told[0] == "study.toml: free_movement_s is 5.0 at atlanta (line 28), 4.0 at berlin (line 28)"
-    with Store(out) as store:
+    with StudyStore(out) as store:
         notes = [each for each in check_study(store) if each.where == "sites"]
     assert [(each.is_error, each.message) for each in notes] == [(False, f"were merged although {told[0]}")]
 
@@ -407,13 +409,13 @@ def test_damaged_recordings_are_skipped_on_request(sites: list[Path], out: Path)
     merge_studies(sites, out, skip_damaged=True, report=told.append)
     assert len(told) == 2
     assert check_errors(out) == []
-    with Store(out) as store:
+    with StudyStore(out) as store:
         left_out = [each.message for each in check_study(store) if "omitted" in each.message]
     assert len(left_out) == 2
     damaged.write_bytes(whole[0])
     missing.write_bytes(whole[1])
     assert merge_studies(sites, out)[0].copied_recording_count == 2
-    with Store(out) as store:
+    with StudyStore(out) as store:
         assert not [each for each in check_study(store) if "omitted" in each.message]
 
 
@@ -429,7 +431,7 @@ def test_next_merge_restores_damaged_recordings(sites: list[Path], out: Path) ->
     assert f"{second.relative_to(out)}: is missing" in found
     merge_studies(sites, out)
     assert files_in(out) == whole
-    with Store(out) as store, store.database._engine.begin() as connection:
+    with StudyStore(out) as store, store.database._engine.begin() as connection:
         connection.exec_driver_sql("UPDATE participant SET site = 'berlin' WHERE number = 1001")
     assert any("participant 1001: was changed by another program" in each for each in check_errors(out))
 
@@ -456,25 +458,27 @@ def test_killed_merge_is_completed_by_the_next(sites: list[Path], out: Path, tmp
 
 def test_sites_share_a_frozen_plan(out: Path, tmp_path: Path) -> None:
     a, b = (make_site(tmp_path / name, name, trials=()) for name in ("a", "b"))
-    with Store(a) as store:
-        write_plan_template(a, store.design, required_tests(store.design), suggested_hypotheses(store.design))
-        freeze_plan(store, required_tests(store.design))
+    with StudyStore(a) as store:
+        write_plan_template(
+            a, store.design, list_required_tests(store.design), suggest_hypotheses(store.design)
+        )
+        freeze_analysis_plan(store, list_required_tests(store.design))
     add_participant(a, 1)
     with pytest.raises(StudyError, match=r'the frozen plan.s checksum .* is ".*" at a, "none" at b'):
         merge_studies([a, b], out)
     for name in ("plan.toml", "plan-frozen.json"):
         shutil.copy(a / name, b)
-    with Store(b) as store:
-        adopt_plan(store)
+    with StudyStore(b) as store:
+        adopt_frozen_plan(store)
     merge_studies([b, a], out)
-    with Store(out) as store:
-        frozen = read_frozen_plan(store)
+    with StudyStore(out) as store:
+        frozen = read_frozen_plan_evidence(store)
         assert frozen is not None
-        assert frozen.faults == ()
+        assert frozen.error_messages == ()
         assert frozen.is_confirmatory
-        assert frozen.record is not None
-        assert frozen.record.design != (out / "study.toml").read_text()
-        found = deviations(store, frozen, required_tests(store.design))
+        assert frozen.frozen_plan is not None
+        assert frozen.frozen_plan.design != (out / "study.toml").read_text()
+        found = find_deviations(store, frozen, list_required_tests(store.design))
     assert [each for each in found if each.where in ("study.toml", "plan.toml")] == []
 
 
@@ -499,7 +503,7 @@ def test_differences_between_sites_are_notes(tmp_path: Path, in_between: bool) -
     set_in_design(b, "free_movement_s = 5.0", "free_movement_s = 4.0")
     add_participant(b, 2)
     merge_studies([a, b], tmp_path / "merged", accept_differences=True)
-    with Store(tmp_path / "merged") as store:
+    with StudyStore(tmp_path / "merged") as store:
         found = [each for each in check_design(store) if "free_movement_s" in each.message]
     assert [
         (each.is_error, "free_movement_s is 5.0; it was 4.0 for sub-" in each.message) for each in found

@@ -12,26 +12,26 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
-from avrgym.study.checking import rebuilding
-from avrgym.study.checking.checks import check_orphaned_files
+from avrgym.study.checking import database_rebuild
 from avrgym.study.checking.database_checks import check_database
+from avrgym.study.checking.database_rebuild import RebuildSummary, rebuild_study_database
 from avrgym.study.checking.participation_checks import check_participation
-from avrgym.study.checking.rebuilding import RebuildSummary, rebuild_study
+from avrgym.study.checking.study_checks import check_orphaned_files
 from avrgym.study.export import export_study
-from avrgym.study.merge.merging import merge_studies
-from avrgym.study.people.deletion import delete_participant
+from avrgym.study.merge.study_merge import merge_studies
+from avrgym.study.people.participant_deletion import delete_participant
 from avrgym.study.people.participants import (
     confirm_participation,
     enrol_participant,
     record_consent,
-    record_inclusion,
-    withdraw,
+    record_inclusion_answers,
+    withdraw_participant,
 )
 from avrgym.study.storage import database, reconciliation, signing
 from avrgym.study.storage.data_loss import describe_data_loss
-from avrgym.study.storage.participation import FILE, ParticipationList
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.participation_list import PARTICIPATION_LIST_FILE, ParticipationList
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.small_studies import eligible_answers, enrol_with_consent, run_participant, small_study
 
 DATABASE_FILES = ("study.db", "study.db.sha256", "study.head")
@@ -52,19 +52,21 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = small_study(tmp_path_factory.mktemp("made") / "study")
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
-        with Store(folder) as store:
+        with StudyStore(folder) as store:
             for _ in range(3):
                 run_participant(store, enrol_with_consent(store, simulated=False), simulated=False)
-            withdraw(store, "sub-002", "tired")
+            withdraw_participant(store, "sub-002", "tired")
             shutil.copytree(folder / "recordings" / "sub-003", folder.parent / "sub-003")
             delete_participant(store, "sub-003")
             enrol_participant(store, "man", age_years=40)
             record_consent(store, "sub-004")
             answers = eligible_answers(store)
-            assert not record_inclusion(store, "sub-004", {each: not answers[each] for each in answers})
+            assert not record_inclusion_answers(
+                store, "sub-004", {each: not answers[each] for each in answers}
+            )
             run_participant(store, enrol_with_consent(store, simulated=False), trials=4, simulated=False)
             enrol_participant(store, "man")
-            withdraw(store, enrol_with_consent(store, simulated=False))
+            withdraw_participant(store, enrol_with_consent(store, simulated=False))
     return folder
 
 
@@ -72,7 +74,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def folder(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     copy = Path(shutil.copytree(made, tmp_path / "study"))
-    with Store(copy):
+    with StudyStore(copy):
         pass
     return copy
 
@@ -80,27 +82,27 @@ def folder(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def lose(folder: Path, *files: str) -> RebuildSummary:
     for name in (*DATABASE_FILES, *files):
         (folder / name).unlink(missing_ok=True)
-    return rebuild_study(folder)
+    return rebuild_study_database(folder)
 
 
 def states(folder: Path) -> dict[str, str]:
-    with Store(folder) as store:
-        return {each.pseudonym: each.state for each in store.participants()}
+    with StudyStore(folder) as store:
+        return {each.pseudonym: each.state for each in store.read_participants()}
 
 
 def wrong(folder: Path) -> dict[str, str]:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         checks = (check_database, check_participation, check_orphaned_files)
         return {each.where: each.message for check in checks for each in check(store) if each.is_error}
 
 
 def losses(folder: Path) -> str:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         return " ".join(describe_data_loss(store))
 
 
 def lines(folder: Path) -> list[str]:
-    return (folder / FILE).read_text().splitlines(keepends=True)
+    return (folder / PARTICIPATION_LIST_FILE).read_text().splitlines(keepends=True)
 
 
 def avrgym(*arguments: str | Path) -> Result:
@@ -112,27 +114,27 @@ def avrgym(*arguments: str | Path) -> Result:
 
 def test_list_begun_late_is_a_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
-    with Store(small_study(tmp_path / "study")) as store:
+    with StudyStore(small_study(tmp_path / "study")) as store:
         enrol_participant(store, "man")
         enrol_participant(store, "woman")
         assert not list(check_participation(store))
-        (store.folder / FILE).unlink()
-    with Store(tmp_path / "study") as store:
+        (store.folder / PARTICIPATION_LIST_FILE).unlink()
+    with StudyStore(tmp_path / "study") as store:
         enrol_participant(store, "man")
         assert any("was started at" in finding.message for finding in check_participation(store))
 
 
 @pytest.mark.slow
 def test_final_states_survive_loss_of_the_database(folder: Path) -> None:
-    with Store(folder) as store:
-        before = {each.pseudonym: each for each in store.participants()}
+    with StudyStore(folder) as store:
+        before = {each.pseudonym: each for each in store.read_participants()}
     assert wrong(folder) == {}
     rebuilt = lose(folder)
     assert (rebuilt.participant_count, rebuilt.unknown_participation_count) == (6, 0)
     assert states(folder) == STATES
-    with Store(folder) as store:
-        assert [each.number for each in store.deleted_participants()] == [3]
-        for participant in store.participants():
+    with StudyStore(folder) as store:
+        assert [each.number for each in store.read_deleted_participants()] == [3]
+        for participant in store.read_participants():
             kept = before[participant.pseudonym]
             for name in (
                 "age_years",
@@ -155,28 +157,28 @@ def test_recordings_of_deleted_participants_are_ignored(folder: Path, made: Path
     assert "sub-003" not in states(folder)
     assert any(each.startswith("sub-003: was deleted at") for each in rebuilt.omission_messages)
     assert list(wrong(folder)) == ["sub-003"]
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         delete_participant(store, "sub-003")
     assert wrong(folder) == {}
 
 
 def test_list_contains_only_numbers_of_deleted_participants(folder: Path) -> None:
-    with Store(folder) as store:
-        listed = store.participation_list()
+    with StudyStore(folder) as store:
+        listed = store.read_participation_list()
     assert listed is not None
     own = [each.content for each in listed.entries if each.participant == 3]
     assert len(own) > 1
     assert own[:-1] == [None] * (len(own) - 1)
     assert own[-1] is not None
     assert set(own[-1]) == {"state", "at", "simulated", "salt"}
-    assert listed.fault == ""
+    assert listed.error_message == ""
 
 
 def test_database_is_updated_from_the_list(folder: Path, tmp_path: Path) -> None:
     """After a restore of an older database, later withdrawals and deletions still apply."""
     older = {name: (folder / name).read_bytes() for name in DATABASE_FILES}
-    with Store(folder) as store:
-        withdraw(store, "sub-005")
+    with StudyStore(folder) as store:
+        withdraw_participant(store, "sub-005")
         delete_participant(store, "sub-001")
     for name, data in older.items():
         (folder / name).write_bytes(data)
@@ -191,7 +193,7 @@ def test_database_is_updated_from_the_list(folder: Path, tmp_path: Path) -> None
 def edit(folder: Path) -> None:
     """Change the state of the withdrawn participant to completed."""
     changed = [line.replace('"withdrawn"', '"completed"') for line in lines(folder)]
-    (folder / FILE).write_text("".join(changed))
+    (folder / PARTICIPATION_LIST_FILE).write_text("".join(changed))
 
 
 def resign(folder: Path) -> None:
@@ -200,9 +202,9 @@ def resign(folder: Path) -> None:
         (each["participant"], each["content"] or {"state": "enrolled", "at": ""})
         for each in map(json.loads, lines(folder))
     ]
-    (folder / FILE).unlink()
+    (folder / PARTICIPATION_LIST_FILE).unlink()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(signing, "user_data_folder", lambda: folder / "another")
+        patch.setattr(signing, "get_user_data_folder", lambda: folder / "another")
         edited = [
             (who, {name: "completed" if value == "withdrawn" else value for name, value in content.items()})
             for who, content in contents
@@ -213,20 +215,20 @@ def resign(folder: Path) -> None:
 
 def cut(folder: Path) -> None:
     """Truncate the list before the withdrawal."""
-    (folder / FILE).write_text("".join(lines(folder)[:-1]))
+    (folder / PARTICIPATION_LIST_FILE).write_text("".join(lines(folder)[:-1]))
 
 
 def another(folder: Path) -> None:
     """Replace the list by that of another study."""
     other = small_study(folder.parent / "other")
-    with Store(other) as store:
+    with StudyStore(other) as store:
         for _ in range(7):
             run_participant(store, enrol_with_consent(store, simulated=False), trials=1, simulated=False)
-    shutil.copy(other / FILE, folder / FILE)
+    shutil.copy(other / PARTICIPATION_LIST_FILE, folder / PARTICIPATION_LIST_FILE)
 
 
 def remove(folder: Path) -> None:
-    (folder / FILE).unlink()
+    (folder / PARTICIPATION_LIST_FILE).unlink()
 
 
 FORGERIES: dict[str, tuple[Callable[[Path], None], str]] = {
@@ -252,8 +254,8 @@ def test_participants_without_a_valid_list_need_confirmation(folder: Path, forge
     assert {"sub-001", "sub-002"} <= set(wrong(folder))
     assert words in losses(folder)
     assert "sub-001" in losses(folder)
-    assert [path.name for path in folder.glob(f"{FILE}.invalid-*")] == (
-        [] if forgery == "removed" else [f"{FILE}.invalid-1"]
+    assert [path.name for path in folder.glob(f"{PARTICIPATION_LIST_FILE}.invalid-*")] == (
+        [] if forgery == "removed" else [f"{PARTICIPATION_LIST_FILE}.invalid-1"]
     )
     assert rebuild_again(folder)
     assert words in losses(folder)
@@ -271,16 +273,16 @@ def test_invalid_list_is_replaced_from_the_database(folder: Path, forgery: str) 
     forge, _ = FORGERIES[forgery]
     forge(folder)
     assert states(folder) == STATES
-    kept = [path.name for path in folder.glob(f"{FILE}.invalid-*")]
-    assert kept == ([] if forgery in ("removed", "set back") else [f"{FILE}.invalid-1"])
+    kept = [path.name for path in folder.glob(f"{PARTICIPATION_LIST_FILE}.invalid-*")]
+    assert kept == ([] if forgery in ("removed", "set back") else [f"{PARTICIPATION_LIST_FILE}.invalid-1"])
     assert list(wrong(folder)) == kept
     lose(folder)
     assert states(folder) == STATES
 
 
 def test_loss_of_the_list_remains_recorded(folder: Path, tmp_path: Path) -> None:
-    lose(folder, FILE)
-    with Store(folder) as store:
+    lose(folder, PARTICIPATION_LIST_FILE)
+    with StudyStore(folder) as store:
         assert confirm_participation(store, "sub-001", "form in folder 2") == "completed"
         run_participant(store, enrol_with_consent(store, simulated=False), simulated=False)
     lose(folder)
@@ -291,7 +293,7 @@ def test_loss_of_the_list_remains_recorded(folder: Path, tmp_path: Path) -> None
     merge_studies([folder, small_study(tmp_path / "berlin")], tmp_path / "all")
     assert losses(tmp_path / "all").count("database of the site study was lost and rebuilt") == 2
     assert "sub-1002" in losses(tmp_path / "all")
-    with Store(tmp_path / "all") as store:
+    with StudyStore(tmp_path / "all") as store:
         export_study(store, "csv", tmp_path / "csv")
     notice = (tmp_path / "csv" / "README.txt").read_text()
     assert "the participation list is missing" in notice
@@ -300,11 +302,11 @@ def test_loss_of_the_list_remains_recorded(folder: Path, tmp_path: Path) -> None
 
 def test_only_unknown_participants_can_be_confirmed(folder: Path) -> None:
     with (
-        Store(folder) as store,
+        StudyStore(folder) as store,
         pytest.raises(StudyError, match="is withdrawn; allowed: a participant with unknown state"),
     ):
         confirm_participation(store, "sub-002", "form")
-    lose(folder, FILE)
+    lose(folder, PARTICIPATION_LIST_FILE)
     assert avrgym("confirm-participation", folder, "sub-001", "--evidence", " ").exit_code == 1
     said = avrgym("confirm-participation", folder, "sub-001", "--evidence", "form in folder 2")
     assert "sub-001 is completed" in said.stdout
@@ -317,9 +319,9 @@ def test_only_unknown_participants_can_be_confirmed(folder: Path) -> None:
 def test_unsigned_list_proves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     (tmp_path / "file").touch()
-    monkeypatch.setattr(signing, "user_data_folder", lambda: tmp_path / "file")
+    monkeypatch.setattr(signing, "get_user_data_folder", lambda: tmp_path / "file")
     folder = small_study(tmp_path / "study")
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         run_participant(store, enrol_with_consent(store), trials=1)
     assert "is not signed" in lose(folder).lost_data
     assert states(folder) == {"sub-001": "unknown"}
@@ -330,15 +332,15 @@ def test_unsigned_list_proves_nothing(tmp_path: Path, monkeypatch: pytest.Monkey
 
 def _withdraw_and_die(folder: Path) -> None:
     """Withdraw a participant, and end the process between list and database."""
-    following = reconciliation.append_transaction
+    following = reconciliation.append_transaction_entries
 
     def follow_and_die(*arguments: object) -> None:
         following(*arguments)  # pyright: ignore[reportArgumentType]
         os.kill(os.getpid(), signal.SIGKILL)
 
-    with Store(folder) as store:
-        database.append_transaction = follow_and_die
-        withdraw(store, "sub-005")
+    with StudyStore(folder) as store:
+        database.append_transaction_entries = follow_and_die
+        withdraw_participant(store, "sub-005")
 
 
 @pytest.mark.parametrize("database_is_lost", [False, True])
@@ -355,10 +357,10 @@ def test_kill_between_list_and_database_keeps_the_withdrawal(folder: Path, datab
 
 
 def test_unfinished_line_is_ignored(folder: Path) -> None:
-    with open(folder / FILE, "a") as file:
+    with open(folder / PARTICIPATION_LIST_FILE, "a") as file:
         file.write('{"number":99,"partic')
-    with Store(folder) as store:
-        withdraw(store, "sub-005")
+    with StudyStore(folder) as store:
+        withdraw_participant(store, "sub-005")
     assert wrong(folder) == {}
     lose(folder)
     assert states(folder) == STATES | {"sub-005": "withdrawn"}
@@ -369,7 +371,7 @@ def _rebuild_and_die(folder: Path) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rebuilding._Rebuilding, "rebuild", die)
+        patch.setattr(database_rebuild._Rebuilding, "rebuild", die)
         lose(folder)
 
 
@@ -381,46 +383,46 @@ def test_list_survives_a_killed_rebuild(folder: Path) -> None:
     assert process.exitcode == -signal.SIGKILL
     assert (folder / "study.db").exists()
     with pytest.raises(StudyError, match=r"is missing or empty, but there are .* `avrgym study rebuild"):
-        Store(folder)
+        StudyStore(folder)
     assert not list(folder.glob("*.invalid-*"))
-    rebuild_study(folder)
+    rebuild_study_database(folder)
     assert states(folder) == STATES | {"sub-005": "allocated"}
 
 
 @pytest.mark.parametrize("written", [False, True])
 def test_study_opens_after_a_kill_in_the_first_enrolment(tmp_path: Path, written: bool) -> None:
     folder = small_study(tmp_path / "new")
-    with Store(folder) as store, pytest.MonkeyPatch.context() as patch:
-        follow = reconciliation.append_transaction
+    with StudyStore(folder) as store, pytest.MonkeyPatch.context() as patch:
+        follow = reconciliation.append_transaction_entries
 
         def fail(*arguments: object) -> None:
             follow(*arguments)  # pyright: ignore[reportArgumentType]
             raise StudyError("as a kill before the commit")
 
-        patch.setattr(database, "append_transaction", fail)
+        patch.setattr(database, "append_transaction_entries", fail)
         with pytest.raises(StudyError, match="as a kill"):
             enrol_participant(store, "man")
     if not written:
-        (folder / FILE).write_bytes(b'{"number":1,"partic')
-    with Store(folder) as store:
-        assert store.participants() == []
+        (folder / PARTICIPATION_LIST_FILE).write_bytes(b'{"number":1,"partic')
+    with StudyStore(folder) as store:
+        assert store.read_participants() == []
         assert enrol_participant(store, "man") == ("sub-002" if written else "sub-001")
 
 
 def test_list_with_invalid_bytes_is_invalid(folder: Path) -> None:
-    data = (folder / FILE).read_bytes()
-    (folder / FILE).write_bytes(data.replace(b"sha256", b"sha25\xff", 1))
-    with Store(folder) as store:
-        withdraw(store, "sub-005")
-        assert [path.name for path in folder.glob("*.invalid-*")] == [f"{FILE}.invalid-1"]
-    (folder / FILE).write_bytes(data.replace(b"sha256", b"sha25\xff", 1))
+    data = (folder / PARTICIPATION_LIST_FILE).read_bytes()
+    (folder / PARTICIPATION_LIST_FILE).write_bytes(data.replace(b"sha256", b"sha25\xff", 1))
+    with StudyStore(folder) as store:
+        withdraw_participant(store, "sub-005")
+        assert [path.name for path in folder.glob("*.invalid-*")] == [f"{PARTICIPATION_LIST_FILE}.invalid-1"]
+    (folder / PARTICIPATION_LIST_FILE).write_bytes(data.replace(b"sha256", b"sha25\xff", 1))
     assert "is damaged in line 1" in lose(folder).lost_data
 
 
 def test_deletion_removes_temporary_copies(folder: Path) -> None:
-    left = folder / f".{FILE}.{2**22 + 1}.part"
-    left.write_bytes((folder / FILE).read_bytes())
-    with Store(folder) as store:
+    left = folder / f".{PARTICIPATION_LIST_FILE}.{2**22 + 1}.part"
+    left.write_bytes((folder / PARTICIPATION_LIST_FILE).read_bytes())
+    with StudyStore(folder) as store:
         delete_participant(store, "sub-006")
     assert not left.exists()
 
@@ -428,18 +430,20 @@ def test_deletion_removes_temporary_copies(folder: Path) -> None:
 def test_unwritable_list_prevents_changes(folder: Path) -> None:
     resource = pytest.importorskip("resource")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    with Store(folder) as store:
-        resource.setrlimit(resource.RLIMIT_FSIZE, ((folder / FILE).stat().st_size + 100, limits[1]))
+    with StudyStore(folder) as store:
+        resource.setrlimit(
+            resource.RLIMIT_FSIZE, ((folder / PARTICIPATION_LIST_FILE).stat().st_size + 100, limits[1])
+        )
         try:
             with pytest.raises(OSError, match="large") as refused:
-                withdraw(store, "sub-005")
+                withdraw_participant(store, "sub-005")
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        assert refused.value.filename == str(folder / FILE)
+        assert refused.value.filename == str(folder / PARTICIPATION_LIST_FILE)
     assert states(folder) == STATES
     assert wrong(folder) == {}
-    with Store(folder) as store:
-        withdraw(store, "sub-005")
+    with StudyStore(folder) as store:
+        withdraw_participant(store, "sub-005")
     assert wrong(folder) == {}
 
 

@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.study.people import deletion
-from avrgym.study.people.deletion import delete_participant
+from avrgym.study.people import participant_deletion
+from avrgym.study.people.participant_deletion import delete_participant
 from avrgym.study.people.participants import add_note, enrol_participant, set_identity
 from avrgym.study.storage import database, identity_file, schema, sqlite
-from avrgym.study.storage.database import Database
+from avrgym.study.storage.database import StudyDatabase
 from avrgym.study.storage.sessions import close_session, open_session, record_session_event
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
-from avrgym.system.files import exposed_paths
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
+from avrgym.system.files import find_exposed_paths
 from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
 
 NAME, CONTACT = "Grace Unverwechselbar", "grace.unverwechselbar@example.org"
@@ -35,10 +35,10 @@ NAMES = {NAME.encode(), CONTACT.encode(), b"Unverwechselbar"}
 
 
 @pytest.fixture
-def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
+def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StudyStore]:
     """Three people with some trials; the second has traces in all kinds of data."""
     monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
-    with Store(small_study(tmp_path / "study")) as opened:
+    with StudyStore(small_study(tmp_path / "study")) as opened:
         for number in (1, 2, 3):
             second = number == 2
             pseudonym = enrol_with_consent(
@@ -66,10 +66,16 @@ def found(folder: Path) -> set[bytes]:
     return {trace for trace in TRACES if any(trace in data for data in everything)}
 
 
-def others(store: Store) -> tuple:
+def others(store: StudyStore) -> tuple:
     """Rows and checksums of recordings of the other participants."""
     rows = tuple(
-        (store.participant(p), store.trials(p), store.sessions(p), store.attempts(p), store.answers(p))
+        (
+            store.read_participant(p),
+            store.read_trials(p),
+            store.read_sessions(p),
+            store.read_attempts(p),
+            store.read_answers(p),
+        )
         for p in ("sub-001", "sub-003")
     )
     recordings = {
@@ -81,17 +87,17 @@ def others(store: Store) -> tuple:
 # The identity file
 
 
-def test_names_are_only_in_a_private_encrypted_file(store: Store) -> None:
+def test_names_are_only_in_a_private_encrypted_file(store: StudyStore) -> None:
     private = store.folder / "private"
     holders = [name for name, data in files(store.folder).items() if b"Unverwechselbar" in data]
     assert holders == []
     assert identity_file.read_identities(store.folder)["sub-002"] == identity_file.Identity(NAME, CONTACT)
     assert stat.S_IMODE(private.stat().st_mode) == 0o700
     assert stat.S_IMODE((private / "identities.json").stat().st_mode) == 0o600
-    assert list(exposed_paths(private)) == []
+    assert list(find_exposed_paths(private)) == []
 
 
-def test_identity_file_is_private_for_any_umask(store: Store) -> None:
+def test_identity_file_is_private_for_any_umask(store: StudyStore) -> None:
     before = os.umask(0)
     try:
         set_identity(store, "sub-001", "Another Name", "")
@@ -100,7 +106,7 @@ def test_identity_file_is_private_for_any_umask(store: Store) -> None:
     assert stat.S_IMODE((store.folder / "private" / "identities.json").stat().st_mode) == 0o600
 
 
-def test_damaged_identity_file_is_rejected_and_kept(store: Store) -> None:
+def test_damaged_identity_file_is_rejected_and_kept(store: StudyStore) -> None:
     path = store.folder / "private" / "identities.json"
     path.write_text("{ damaged")
     with pytest.raises(StudyError, match="not an identity file"):
@@ -108,37 +114,37 @@ def test_damaged_identity_file_is_rejected_and_kept(store: Store) -> None:
     assert path.read_text() == "{ damaged"
 
 
-def test_simulated_participant_has_no_name(store: Store) -> None:
+def test_simulated_participant_has_no_name(store: StudyStore) -> None:
     with pytest.raises(StudyError, match="cannot have a name or contact"):
         enrol_participant(store, "man", name="Robo", simulated=True)
-    assert len(store.participants()) == 3
+    assert len(store.read_participants()) == 3
 
 
 # Deletion
 
 
-def test_deletion_leaves_no_trace(store: Store) -> None:
+def test_deletion_leaves_no_trace(store: StudyStore) -> None:
     before = others(store)
     assert found(store.folder) == set(TRACES) - NAMES
     delete_participant(store, "sub-002")
     assert found(store.folder) == set()
     assert others(store) == before
-    (tombstone,) = store.deleted_participants()
+    (tombstone,) = store.read_deleted_participants()
     assert (tombstone.number, tombstone.simulated) == (2, False)
-    assert [participant.number for participant in store.participants()] == [1, 3]
+    assert [participant.number for participant in store.read_participants()] == [1, 3]
     store.close()
     assert found(store.folder) == set()
 
 
-def test_deleted_number_is_not_reused_and_its_order_is(store: Store) -> None:
-    cell = store.participant("sub-003").cell
+def test_deleted_number_is_not_reused_and_its_order_is(store: StudyStore) -> None:
+    cell = store.read_participant("sub-003").cell
     delete_participant(store, "sub-003")
     pseudonym = enrol_with_consent(store, simulated=False)
     assert pseudonym == "sub-004"
-    assert store.participant(pseudonym).cell == cell
+    assert store.read_participant(pseudonym).cell == cell
 
 
-def test_deletion_removes_backups_of_the_database(store: Store) -> None:
+def test_deletion_removes_backups_of_the_database(store: StudyStore) -> None:
     backups = store.folder / "backups"
     backups.mkdir()
     shutil.copy(store.folder / "study.db", backups / "0001_first-copy.db")
@@ -149,10 +155,14 @@ def test_deletion_removes_backups_of_the_database(store: Store) -> None:
 
 @pytest.mark.parametrize("step", ["remove_identity", "_delete_rows", "erase_deleted_data"])
 def test_repeated_deletion_completes_an_interrupted_one(
-    store: Store, monkeypatch: pytest.MonkeyPatch, step: str
+    store: StudyStore, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
     before = others(store)
-    owner = {"remove_identity": identity_file, "_delete_rows": deletion, "erase_deleted_data": Database}[step]
+    owner = {
+        "remove_identity": identity_file,
+        "_delete_rows": participant_deletion,
+        "erase_deleted_data": StudyDatabase,
+    }[step]
     with monkeypatch.context() as crash:
         crash.setattr(owner, step, lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):
@@ -163,20 +173,20 @@ def test_repeated_deletion_completes_an_interrupted_one(
     assert others(store) == before
 
 
-def test_running_session_prevents_deletion(store: Store) -> None:
+def test_running_session_prevents_deletion(store: StudyStore) -> None:
     session = open_session(store, "sub-002")
     before = files(store.folder / "recordings")
     with pytest.raises(StudyError, match=r"is open at .*; close it before the deletion"):
         delete_participant(store, "sub-002")
     assert files(store.folder / "recordings") == before
-    assert store.participant("sub-002").state == "allocated"
+    assert store.read_participant("sub-002").state == "allocated"
     close_session(store, session.id)
     delete_participant(store, "sub-002")
 
 
-def test_other_readers_prevent_erasure_of_traces(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_readers_prevent_erasure_of_traces(store: StudyStore, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sqlite, "LOCK_TIMEOUT_S", 0.1)
-    with Store(store.folder) as reader, reader.database.read_transaction() as connection:
+    with StudyStore(store.folder) as reader, reader.database.read_transaction() as connection:
         connection.execute(schema.PARTICIPANT_TABLE.select()).all()
         with pytest.raises(
             StudyError, match="another program uses the study, so deleted data can still be recovered"
@@ -188,14 +198,14 @@ def test_other_readers_prevent_erasure_of_traces(store: Store, monkeypatch: pyte
 
 @pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("pseudonym", ["sub-009", "../recordings", "sub-002/../sub-001", "*", "sub-2"])
-def test_unknown_participants_cannot_be_deleted(store: Store, pseudonym: str) -> None:
+def test_unknown_participants_cannot_be_deleted(store: StudyStore, pseudonym: str) -> None:
     before = {name: data for name, data in files(store.folder).items() if "study.db" not in name}
     with pytest.raises(StudyError, match=r"not a pseudonym|there is no sub-009"):
         delete_participant(store, pseudonym)
     assert {name: data for name, data in files(store.folder).items() if "study.db" not in name} == before
 
 
-def test_deletion_does_not_follow_links(store: Store, tmp_path: Path) -> None:
+def test_deletion_does_not_follow_links(store: StudyStore, tmp_path: Path) -> None:
     elsewhere = tmp_path / "elsewhere"
     shutil.move(store.folder / "recordings" / "sub-002", elsewhere)
     (store.folder / "recordings" / "sub-002").symlink_to(elsewhere)

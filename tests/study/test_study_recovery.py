@@ -14,14 +14,14 @@ from avrgym.cli.main import app
 from avrgym.recording.input_profile import DEFAULT_INPUT_PROFILE
 from avrgym.recording.reader import read_recording
 from avrgym.recording.schema import Answer
-from avrgym.study.checking.checks import check_study
-from avrgym.study.checking.rebuilding import rebuild_study
-from avrgym.study.people.deletion import delete_participant
+from avrgym.study.checking.database_rebuild import rebuild_study_database
+from avrgym.study.checking.study_checks import check_study
+from avrgym.study.people.participant_deletion import delete_participant
 from avrgym.study.people.participants import confirm_participation, enrol_participant
 from avrgym.study.storage import database, identity_file, store
-from avrgym.study.storage.rows import TrialAttempt
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.database_rows import TrialAttempt
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
 from helpers.system.paths import DATA
 
@@ -61,7 +61,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 @pytest.mark.fast_cases(1)
 def test_lost_database_is_not_recreated(tmp_path: Path, leave: str) -> None:
     folder = small_study(tmp_path / "study")
-    with Store(folder) as opened:
+    with StudyStore(folder) as opened:
         run_participant(
             opened, enrol_with_consent(opened, simulated=False, name="Ada"), trials=1, simulated=False
         )
@@ -84,7 +84,7 @@ def test_lost_database_is_rebuilt_from_recordings(old: Path, tmp_path: Path) -> 
     for name in ("study.db", "study.db.sha256", "study.head"):
         (old / name).unlink()
     before = contents(old)
-    rebuilt = rebuild_study(old)
+    rebuilt = rebuild_study_database(old)
     assert (
         rebuilt.participant_count,
         rebuilt.unknown_participation_count,
@@ -93,17 +93,17 @@ def test_lost_database_is_rebuilt_from_recordings(old: Path, tmp_path: Path) -> 
     ) == (1, 1, 1, 4)
     assert rebuilt.omission_messages == ("sub-002: no recording contains them",)
     assert {name: data for name, data in contents(old).items() if name in before} == before
-    with Store(old) as again, Store(kept) as original:
-        for name in ("trials", "attempts"):
+    with StudyStore(old) as again, StudyStore(kept) as original:
+        for name in ("read_trials", "read_attempts"):
             rows, expected = (getattr(each, name)("sub-001") for each in (again, original))
             assert [_facts(row) for row in rows] == [_facts(row) for row in expected]
-        in_trials = [answer for answer in original.answers("sub-001") if answer.attempt is not None]
-        assert [_facts(row) for row in again.answers("sub-001")] == [_facts(row) for row in in_trials]
-        for attempt in again.attempts("sub-001"):
+        in_trials = [answer for answer in original.read_answers("sub-001") if answer.attempt is not None]
+        assert [_facts(row) for row in again.read_answers("sub-001")] == [_facts(row) for row in in_trials]
+        for attempt in again.read_attempts("sub-001"):
             assert attempt.torso_height_m == (
                 read_recording(old / attempt.recording).configuration.person.torso_height_m
             )
-        participant = again.participant("sub-001")
+        participant = again.read_participant("sub-001")
         assert (participant.state, participant.sex, participant.cell) == ("unknown", "man", 0)
         assert confirm_participation(again, "sub-001", "consent form in folder 2") == "completed"
         wrong = [finding.message for finding in check_study(again) if finding.is_error]
@@ -129,14 +129,14 @@ def _facts(row: object) -> dict:
 
 
 def test_existing_database_is_not_rebuilt(old: Path) -> None:
-    with Store(old) as opened:
-        before = opened.participants()
+    with StudyStore(old) as opened:
+        before = opened.read_participants()
     with pytest.raises(
         StudyError, match="has a database; `avrgym study rebuild` only rebuilds a lost database"
     ):
-        rebuild_study(old)
-    with Store(old) as opened:
-        assert opened.participants() == before
+        rebuild_study_database(old)
+    with StudyStore(old) as opened:
+        assert opened.read_participants() == before
 
 
 # A medium that cannot be written
@@ -151,7 +151,7 @@ def test_read_only_study_can_be_opened(
     folder = old
     if not closed:
         used = small_study(tmp_path / "used")
-        with Store(used) as opened:
+        with StudyStore(used) as opened:
             run_participant(opened, enrol_with_consent(opened))
             folder = Path(shutil.copytree(used, tmp_path / "copied"))
         assert (folder / "study.db-wal").stat().st_size
@@ -178,7 +178,7 @@ def test_read_only_study_can_be_opened(
 def test_all_files_are_private(tmp_path: Path) -> None:
     folder = tmp_path / "study"
     assert avrgym("study", "new", folder).exit_code == 0
-    with Store(folder) as opened:
+    with StudyStore(folder) as opened:
         run_participant(
             opened, enrol_with_consent(opened, simulated=False, name="Ada"), trials=1, simulated=False
         )
@@ -207,7 +207,7 @@ def test_permissions_are_restricted_on_request(old: Path) -> None:
 
 def test_temporary_files_of_killed_writes_are_removed(tmp_path: Path) -> None:
     folder = small_study(tmp_path / "study")
-    with Store(folder) as opened:
+    with StudyStore(folder) as opened:
         enrol_with_consent(opened, simulated=False, name="Ada")
         left = folder / "private" / ".identities.json.4194305.part"
         left.write_text('{"sub-001": {"name": "Ada"')
@@ -216,7 +216,7 @@ def test_temporary_files_of_killed_writes_are_removed(tmp_path: Path) -> None:
         (analysis / "page.html").write_text("sub-001")
         wrong = {finding.where for finding in check_study(opened) if finding.is_error}
         assert {"private/.identities.json.4194305.part", "analysis/.analysis-x"} <= wrong
-    with Store(folder) as opened:
+    with StudyStore(folder) as opened:
         assert not left.exists()
         left.write_text('{"sub-001": {"name": "Ada"')
         delete_participant(opened, "sub-001")

@@ -12,21 +12,21 @@ from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
 from avrgym.people.zoo.partners import PARTNER_PARAMETERS, PARTNERS
-from avrgym.policies.trained import PolicyError
-from avrgym.study.checking.checks import check_study
-from avrgym.study.people.participants import withdraw
-from avrgym.study.sessions import simulation
-from avrgym.study.sessions.simulation import (
+from avrgym.policies.trained_policies import PolicyError
+from avrgym.study.checking.study_checks import check_study
+from avrgym.study.people.participants import withdraw_participant
+from avrgym.study.sessions import dry_run
+from avrgym.study.sessions.dry_run import (
     DryRunSettings,
-    draw_participant_traits,
     find_or_enrol_participant,
     make_dry_run_settings,
+    sample_dry_run_traits,
     simulate_study,
 )
-from avrgym.study.sessions.visit import StudyVisit
+from avrgym.study.sessions.study_visit import StudyVisit
 from avrgym.study.storage import database
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from helpers.learning.random_networks import random_network, save_network
 from helpers.studies.small_studies import enrol_with_consent, make_study
 from helpers.system.killed_processes import SEED, assert_same, compare_with_killed
@@ -99,52 +99,52 @@ def test_dry_run_is_complete_and_can_be_continued(folder: Path) -> None:
     result = study("simulate", folder, "--participants", 2, "--seed", SEED)
     assert (result.exit_code, result.stderr) == (0, "")
     assert "2 of 8 planned participants completed, 2 simulated" in result.stdout
-    with Store(folder) as store:
-        assert {person.state for person in store.participants()} == {"completed"}
-        assert all(person.simulated and person.consented_at for person in store.participants())
-        assert {person.sex for person in store.participants()} == {"man", "woman"}
-        assert [len(store.sessions(person.pseudonym)) for person in store.participants()] == [1, 1]
+    with StudyStore(folder) as store:
+        assert {person.state for person in store.read_participants()} == {"completed"}
+        assert all(person.simulated and person.consented_at for person in store.read_participants())
+        assert {person.sex for person in store.read_participants()} == {"man", "woman"}
+        assert [len(store.read_sessions(person.pseudonym)) for person in store.read_participants()] == [1, 1]
         assert [finding for finding in check_study(store) if finding.is_error] == []
-        answers = store.answers("sub-001")
+        answers = store.read_answers("sub-001")
         assert [answer.item for answer in answers if answer.attempt is None] == [
             "before_session",
             "after_session",
         ]
         assert len(answers) == 10
         heights = {
-            draw_participant_traits(person, DryRunSettings(SEED)).torso_height_m
-            for person in store.participants()
+            sample_dry_run_traits(person, DryRunSettings(SEED)).torso_height_m
+            for person in store.read_participants()
         }
         assert len(heights) == 2
 
 
 @pytest.mark.slow
 def test_withdrawal_during_a_dry_run_is_no_failure(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    run_trial = simulation._run_trial  # pyright: ignore[reportPrivateUsage]
+    run_trial = dry_run._run_trial  # pyright: ignore[reportPrivateUsage]
 
     def run_and_withdraw(visit: StudyVisit, cast: DryRunSettings) -> None:
         run_trial(visit, cast)
-        if visit.store.participant(visit.pseudonym).state == "allocated":
-            withdraw(visit.store, visit.pseudonym, "felt sick")
+        if visit.store.read_participant(visit.pseudonym).state == "allocated":
+            withdraw_participant(visit.store, visit.pseudonym, "felt sick")
 
-    monkeypatch.setattr(simulation, "_run_trial", run_and_withdraw)
-    with Store(folder) as store:
+    monkeypatch.setattr(dry_run, "_run_trial", run_and_withdraw)
+    with StudyStore(folder) as store:
         find_or_enrol_participant(store, 0, DryRunSettings(SEED))
-        simulation.simulate_participant(folder, "sub-001", DryRunSettings(SEED))
-        assert store.participant("sub-001").state == "withdrawn"
-        assert [trial.state for trial in store.trials("sub-001")] == ["completed", "planned", "planned"]
+        dry_run.simulate_participant(folder, "sub-001", DryRunSettings(SEED))
+        assert store.read_participant("sub-001").state == "withdrawn"
+        assert [trial.state for trial in store.read_trials("sub-001")] == ["completed", "planned", "planned"]
         assert [finding for finding in check_study(store) if finding.is_error] == []
 
 
 def test_other_seed_does_not_continue_earlier_participants(folder: Path) -> None:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         find_or_enrol_participant(store, 0, DryRunSettings(SEED))
     with (
-        Store(folder) as store,
+        StudyStore(folder) as store,
         pytest.raises(StudyError, match=r"'simulated with seed 5, motion 2', but .*allowed: the same seed"),
     ):
         find_or_enrol_participant(store, 0, DryRunSettings(SEED + 1))
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         enrol_with_consent(store, simulated=False)
         assert find_or_enrol_participant(store, 1, DryRunSettings(SEED)) == "sub-003"
 
@@ -152,7 +152,7 @@ def test_other_seed_does_not_continue_earlier_participants(folder: Path) -> None
 def test_other_population_does_not_continue_earlier_participants(folder: Path) -> None:
     zoo = make_dry_run_settings(SEED, "zoo/unseen", "tremor")
     assert str(zoo) == f"simulated with seed {SEED}, motion 2, people zoo/unseen, impairment tremor"
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         find_or_enrol_participant(store, 0, zoo)
         with pytest.raises(StudyError, match="allowed: the same seed, people and motion"):
             find_or_enrol_participant(store, 0, DryRunSettings(SEED))
@@ -165,16 +165,16 @@ def test_zoo_partners_take_part(tmp_path: Path) -> None:
     asked = "--participants", 1, "--seed", SEED, "--jobs", 1
     result = study("simulate", folder, *asked, "--people", "zoo/unseen", "--impairment", "limits")
     assert result.exit_code == 0, result.output
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         assert [finding for finding in check_study(store) if finding.is_error] == []
-        (person,) = store.participants()
-        traits = draw_participant_traits(person, make_dry_run_settings(SEED, "zoo/unseen", "limits"))
-        assert traits.partner_parameters is not None
+        (person,) = store.read_participants()
+        traits = sample_dry_run_traits(person, make_dry_run_settings(SEED, "zoo/unseen", "limits"))
+        assert traits.behaviour_parameters is not None
         zoo = [row for row, partner in enumerate(PARTNERS) if partner.zoo == "zoo/unseen"]
         assert (
             (
                 PARTNER_PARAMETERS.select_partners(np.array(zoo)).to_table()
-                == traits.partner_parameters.to_table()
+                == traits.behaviour_parameters.to_table()
             )
             .all(axis=1)
             .any()
@@ -189,8 +189,8 @@ def test_missing_policy_prevents_a_dry_run(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", **DESIGN | {"policies": '["nobody", "revised"]'})
     with pytest.raises(PolicyError, match="no policy 'nobody' for avrgym/ScratchItchJaco-v1"):
         simulate_study(folder, 1, SEED)
-    with Store(folder) as store:
-        assert store.participants() == []
+    with StudyStore(folder) as store:
+        assert store.read_participants() == []
 
 
 # The commands about people
@@ -207,8 +207,8 @@ def test_enrolment_on_the_command_line(folder: Path) -> None:
     assert asked.exit_code == 0
     assert "You take part in a study of virtual robots" in asked.stdout
     assert asked.stdout.endswith("sub-001 takes part\n")
-    with Store(folder) as store:
-        person = store.participant("sub-001")
+    with StudyStore(folder) as store:
+        person = store.read_participant("sub-001")
         assert (person.state, person.age_years, person.simulated) == ("allocated", 23, False)
     again = study("consent", folder, "sub-001", answers="y\n")
     assert (again.exit_code, again.stderr.count("cannot become consented")) == (1, 1)
@@ -253,20 +253,18 @@ def test_trained_human_takes_part_in_its_environment(tmp_path: Path) -> None:
         result = study("simulate", each, *asked)
         assert result.exit_code == 0, result.output
     assert assert_same(folder, again) >= 1
-    with Store(folder) as store:
-        (person,) = store.participants()
+    with StudyStore(folder) as store:
+        (person,) = store.read_participants()
         assert person.simulated
-        traits = draw_participant_traits(
-            person, make_dry_run_settings(SEED, str(tmp_path / "humans"), "none")
-        )
+        traits = sample_dry_run_traits(person, make_dry_run_settings(SEED, str(tmp_path / "humans"), "none"))
         assert traits.trained_policy is not None
-        assert traits.trained_policy.digest in {each.digest for each in humans}
-        assert (traits.tremor_rad > 0.0).any(), "the impairment that the human was trained with"
+        assert traits.trained_policy.parameters_sha256 in {each.parameters_sha256 for each in humans}
+        assert (traits.tremor_amplitude_rad > 0.0).any(), "the impairment that the human was trained with"
     fed = make_study(tmp_path / "fed", **DESIGN | {"tasks": '["Feeding"]', "policies": '["revised"]'})
     refused = study("simulate", fed, *asked)
     assert refused.exit_code == 1
     assert "trained for avrgym/ScratchItchJaco-v1; for avrgym/FeedingJaco-v1" in " ".join(
         refused.output.split()
     )
-    with Store(fed) as store:
-        assert store.participants() == []
+    with StudyStore(fed) as store:
+        assert store.read_participants() == []

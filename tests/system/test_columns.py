@@ -5,7 +5,7 @@ from typing import Annotated
 
 import pytest
 
-from avrgym.system.columns import BOOLEAN, NUMBER, TEXT, TIME, Column, columns_of
+from avrgym.system.columns import BOOLEAN, NUMBER, TEXT, TIME, Column, describe_columns
 
 
 @dataclass
@@ -18,7 +18,7 @@ class Row:
 
 
 def test_type_and_unit_follow_from_the_annotation() -> None:
-    assert columns_of(Row) == {
+    assert describe_columns(Row) == {
         "name": Column("The name.", TEXT),
         "time_s": Column("When it was.", NUMBER, "s", "", "never"),
         "share": Column("A share.", NUMBER, "1", "0 to 1"),
@@ -33,4 +33,4 @@ def test_a_field_without_description_is_an_error() -> None:
         extra: int = 0
 
     with pytest.raises(TypeError, match=r"Bare\.extra"):
-        columns_of(Bare)
+        describe_columns(Bare)

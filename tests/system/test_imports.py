@@ -8,7 +8,7 @@ import pytest
 
 import avrgym
 from avrgym.people import population_names
-from avrgym.people.distributions import BASE_DISTRIBUTIONS
+from avrgym.people.distributions import POPULATION_DISTRIBUTIONS
 from avrgym.robots.registry import ROBOTS
 from avrgym.tasks import constants
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
@@ -85,7 +85,7 @@ def test_constants_equal_those_of_the_tasks() -> None:
         if task in constants.PACKAGED_TASKS and robot in constants.PACKAGED_ROBOTS
     ]
     assert packaged == [*constants.PACKAGED_ENVIRONMENTS]
-    assert (*BASE_DISTRIBUTIONS,) == population_names.POPULATION_NAMES
+    assert (*POPULATION_DISTRIBUTIONS,) == population_names.POPULATION_NAMES
 
 
 def test_people_are_at_hand_without_an_import_of_their_own() -> None:

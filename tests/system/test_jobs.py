@@ -11,10 +11,10 @@ import pytest
 
 from avrgym.learning import evaluation
 from avrgym.learning.evaluation import evaluate, evaluate_all
-from avrgym.policies.trained import PolicyError
-from avrgym.study.sessions.simulation import simulate_study
+from avrgym.policies.trained_policies import PolicyError
+from avrgym.study.sessions.dry_run import simulate_study
 from avrgym.study.storage import database
-from avrgym.system.jobs import available_core_count, report_progress, starmap
+from avrgym.system.parallel_calls import count_available_cores, report_progress, starmap
 from avrgym.tasks.constants import EPISODE_STEPS
 from helpers.studies.small_studies import make_study
 from helpers.system.killed_processes import SEED, assert_same
@@ -49,7 +49,7 @@ def test_results_are_in_order_and_progress_is_reported() -> None:
     assert starmap(twice, [(number,) for number in range(5)], 2, told.append) == [0, 2, 4, 6, 8]
     assert told[-1] == 10
     assert starmap(twice, [], 2) == []
-    assert 1 <= available_core_count() <= (os.cpu_count() or 1)
+    assert 1 <= count_available_cores() <= (os.cpu_count() or 1)
 
 
 @pytest.mark.slow
@@ -64,7 +64,7 @@ def test_processes_end_with_the_one_that_started_them(tmp_path: Path) -> None:
     """However that ends."""
     (tmp_path / "sleeping.py").write_text(SLEEPING)
     code = (
-        "from avrgym.system.jobs import starmap; from sleeping import sleep;"
+        "from avrgym.system.parallel_calls import starmap; from sleeping import sleep;"
         "starmap(sleep, [('one',), ('other',)], 2) if __name__ == '__main__' else None"
     )
     with subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path) as parent:

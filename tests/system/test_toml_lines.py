@@ -2,7 +2,7 @@
 
 import pytest
 
-from avrgym.system.toml_lines import ValuePath, line_number
+from avrgym.system.toml_lines import ValuePath, find_line_number
 
 TEXT = '''title = "a"
 
@@ -43,4 +43,4 @@ when = [
     ],
 )
 def test_a_value_begins_on_its_line(place: ValuePath, line: int) -> None:
-    assert line_number(TEXT, place) == line
+    assert find_line_number(TEXT, place) == line

@@ -12,10 +12,15 @@ from typer.testing import CliRunner
 from avrgym.cli.main import app
 from avrgym.learning.evaluation import evaluate
 from avrgym.policies import controllers, registry
-from avrgym.policies.trained import Policy
+from avrgym.policies.trained_policies import Policy
 from avrgym.system import plugins, used_plugins
-from avrgym.system.used_plugins import UsedPlugin, avrgym_version, content_sha256, differences
-from avrgym.tasks.registry import plugins_of
+from avrgym.system.used_plugins import (
+    UsedPlugin,
+    compute_module_sha256,
+    describe_plugin_differences,
+    get_avrgym_version,
+)
+from avrgym.tasks.registry import find_plugins
 from helpers.learning.random_networks import random_network, save_network
 from helpers.system.fake_plugins import change, register
 from helpers.vr.visit import ENVIRONMENT
@@ -52,8 +57,8 @@ def write(path: Path, text: str) -> None:
 
 def content(module: str = "arm.robot") -> str:
     """The hash, as a new process finds it."""
-    content_sha256.cache_clear()
-    return content_sha256(module)
+    compute_module_sha256.cache_clear()
+    return compute_module_sha256(module)
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -108,12 +113,16 @@ A, B = (
 
 def test_differences_list_changed_and_missing_plugins() -> None:
     changed = msgspec.structs.replace(A, sha256="b" * 64)
-    assert differences([A, B], [B, A]) == []
-    assert differences([A], [changed]) == [
+    assert describe_plugin_differences([A, B], [B, A]) == []
+    assert describe_plugin_differences([A], [changed]) == [
         "robot Arm was arm 1.0 (content aaaaaaaaaaaa), is arm 1.0 (content bbbbbbbbbbbb)"
     ]
-    assert differences([], [A]) == ["robot Arm was not stored, is arm 1.0 (content aaaaaaaaaaaa)"]
-    assert differences([A], []) == ["robot Arm was arm 1.0 (content aaaaaaaaaaaa), is not a plug-in here"]
+    assert describe_plugin_differences([], [A]) == [
+        "robot Arm was not stored, is arm 1.0 (content aaaaaaaaaaaa)"
+    ]
+    assert describe_plugin_differences([A], []) == [
+        "robot Arm was arm 1.0 (content aaaaaaaaaaaa), is not a plug-in here"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -129,10 +138,10 @@ def test_the_version_of_an_editable_installation_contains_a_hash(
 ) -> None:
     about = SimpleNamespace(version="1.2", read_text=lambda name: origin)
     monkeypatch.setattr("importlib.metadata.distribution", lambda name: about)
-    monkeypatch.setattr(used_plugins, "content_sha256", lambda module: "0123456789" * 6)
-    avrgym_version.cache_clear()
-    assert avrgym_version() == expected
-    avrgym_version.cache_clear()
+    monkeypatch.setattr(used_plugins, "compute_module_sha256", lambda module: "0123456789" * 6)
+    get_avrgym_version.cache_clear()
+    assert get_avrgym_version() == expected
+    get_avrgym_version.cache_clear()
 
 
 # Policies
@@ -140,7 +149,7 @@ def test_the_version_of_an_editable_installation_contains_a_hash(
 
 @pytest.fixture
 def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    return register(monkeypatch, tmp_path / "lab", plugins.ROBOT_GROUP, "Jaco")
+    return register(monkeypatch, tmp_path / "lab", plugins.ROBOT_ENTRY_POINT_GROUP, "Jaco")
 
 
 def policy(used: tuple[UsedPlugin, ...]) -> Policy:
@@ -150,14 +159,14 @@ def policy(used: tuple[UsedPlugin, ...]) -> Policy:
 
 
 def test_a_policy_s_file_stores_the_plug_ins_of_its_environment(robot: Path, tmp_path: Path) -> None:
-    (used,) = plugins_of(ENVIRONMENT)
+    (used,) = find_plugins(ENVIRONMENT)
     assert (used.label, used.package, used.version) == ("robot Jaco", "lab-robots", "1.0")
     assert used.entry_point == "jaco = lab_robots.robot:ROBOT"
     read = Policy.load(save_network(tmp_path / "a.safetensors", policy((used,))))
     assert read.metadata.plugins == (used,)
-    assert registry.plugin_changes_since_training(read, ENVIRONMENT) == []
+    assert registry.describe_plugin_changes(read, ENVIRONMENT) == []
     change(robot)
-    (difference,) = registry.plugin_changes_since_training(read, ENVIRONMENT)
+    (difference,) = registry.describe_plugin_changes(read, ENVIRONMENT)
     assert difference.startswith("robot Jaco was lab-robots 1.0 (content ")
 
 
@@ -165,11 +174,11 @@ def test_files_of_built_in_robots_are_as_they_were(tmp_path: Path) -> None:
     path = save_network(tmp_path / "a.safetensors", policy(()))
     assert b"plugins" not in Path(path).read_bytes()
     assert Policy.load(path).metadata.plugins == ()
-    assert registry.plugin_changes_since_training(Policy.load(path), ENVIRONMENT) == []
+    assert registry.describe_plugin_changes(Policy.load(path), ENVIRONMENT) == []
 
 
 def test_evaluation_lists_differing_plugins(robot: Path, tmp_path: Path) -> None:
-    same, old = policy(plugins_of(ENVIRONMENT)), policy(())
+    same, old = policy(find_plugins(ENVIRONMENT)), policy(())
     files = [
         save_network(tmp_path / f"{name}.safetensors", each) for name, each in (("same", same), ("old", old))
     ]
@@ -207,8 +216,8 @@ def test_a_controller_s_code_is_stored_and_a_network_s_file_is_none(folder: Path
     found = controllers.import_python_controller("still:Still")
     assert found.plugin is not None
     assert (found.plugin.label, found.plugin.sha256) == ("controller still:Still", content("still"))
-    assert registry.plugins_used(ENVIRONMENT, found) == (found.plugin,)
-    assert registry.plugins_used(ENVIRONMENT, registry.ScriptedPolicy("oracle")) == ()
+    assert registry.find_used_plugins(ENVIRONMENT, found) == (found.plugin,)
+    assert registry.find_used_plugins(ENVIRONMENT, registry.ScriptedPolicy("oracle")) == ()
 
 
 @pytest.mark.slow
@@ -220,4 +229,4 @@ def test_training_stores_the_plugins(robot: Path, tmp_path: Path, monkeypatch: p
     configuration = FeedforwardConfiguration(
         environment=ENVIRONMENT, steps=200, num_envs=1, imitation_rounds=0
     )
-    assert training.train(configuration, tmp_path / "out").metadata.plugins == plugins_of(ENVIRONMENT)
+    assert training.train(configuration, tmp_path / "out").metadata.plugins == find_plugins(ENVIRONMENT)

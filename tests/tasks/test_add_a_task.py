@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.robots.registry import ROBOTS
-from avrgym.skeletons.writing import write_skeleton
+from avrgym.skeletons.package_files import write_plugin_package
 from avrgym.tasks.constants import PACKAGED_TASKS
 from helpers.system.example_package import environment_variables, train_and_study
 from helpers.system.paths import ROOT
@@ -23,14 +23,14 @@ ENVIRONMENT = "avrgym/TouchElbowJaco-v1"
 def installed(tmp_path_factory) -> Path:
     """A folder of packages: that of the page, and one with tasks that are broken."""
     folder = tmp_path_factory.mktemp("site")
-    write_skeleton("task", "TouchElbow", folder / "new")
+    write_plugin_package("task", "TouchElbow", folder / "new")
     (folder / "new" / "src" / "touch_elbow").rename(folder / "touch_elbow")
     (folder / "unfinished.py").write_text(
         "from dataclasses import replace\n"
         "from touch_elbow.task import TASK\n"
         "TWICE = TASK\n"
         "def scene(robot):\n    raise RuntimeError('no scene yet')\n"
-        "NO_SCENE = replace(TASK, name='NoScene', scene=scene)\n"
+        "NO_SCENE = replace(TASK, name='NoScene', make_scene=scene)\n"
     )
     entries = re.search(r'^\[project\.entry-points."avrgym\.tasks"\]\n(.*?)^```', PAGE, re.M | re.S)
     assert entries

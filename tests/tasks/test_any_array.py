@@ -14,12 +14,12 @@ import torch
 
 from avrgym.geometry import transforms
 from avrgym.models.furniture import BOWL_BODY
-from avrgym.models.furniture.wheelchair import ARMREST_FRONT_Y_M, ARMREST_HALF_WIDTH_M, ARMREST_TOP_M
-from avrgym.models.human import GEOMS, JOINTS, RECLINED, SEATED, People
+from avrgym.models.furniture.wheelchair import ARMREST_FRONT_Y_M, ARMREST_HALF_WIDTH_M, ARMREST_TOP_HEIGHT_M
+from avrgym.models.human import GEOMS, JOINTS, RECLINED_POSTURE, SEATED_POSTURE, People
 from avrgym.models.scene import MAX_TOOL_CONTACTS
 from avrgym.people import cooperation, distributions, impaired_motion, impairments, shoulder_limits
 from avrgym.people.clinical_impairments import sample_motor_signs
-from avrgym.people.distributions import BASE_DISTRIBUTIONS
+from avrgym.people.distributions import POPULATION_DISTRIBUTIONS
 from avrgym.people.population_names import IMPAIRMENTS, SEVERITIES
 from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
@@ -49,47 +49,51 @@ def crowded_state(
     """Worlds in which all that matters is within centimetres, and some of it touches."""
     touching = rng.random((WORLDS, MAX_TOOL_CONTACTS)) < 0.5
     forces = {name: rng.uniform(0.0, 30.0, WORLDS) for name in ("robot", "tool", "total", "links", "cloth")}
-    velocity = {name: rng.normal(size=(WORLDS, 3)) for name in ("effector", "tool")}
+    velocity = {name: rng.normal(size=(WORLDS, 3)) for name in ("end_effector", "tool")}
     fallen = np.where(rng.random((WORLDS, particles, 1)) < 0.3, [0.0, 0.0, 1.0], 0.0)
     ends = around(rng, len(GEOMS), 2, spread=0.3)
     ends[:, 0, 1] = ends[:, 0, 0]  # a ball
     return State(
-        robot_pos_w=around(rng),
+        robot_torso_pos_w=around(rng),
         joint_positions=rng.uniform(-3.0, 3.0, (WORLDS, joints)),
         base_displacement=rng.uniform(-0.3, 0.3, (WORLDS, 3 if drives else 0)),
         tool_pos_w=around(rng),
-        tool_q_w=rotations(rng),
-        pad_pos_w=around(rng),
-        pad_q_w=rotations(rng),
+        tool_quat_w=rotations(rng),
+        tool_pad_pos_w=around(rng),
+        tool_pad_quat_w=rotations(rng),
         head_pos_w=around(rng),
-        head_q_w=rotations(rng),
+        head_quat_w=rotations(rng),
         mouth_pos_w=around(rng),
-        placed_pos_w={BOWL_BODY: around(rng) - [0.0, 0.0, 0.3]},
+        furniture_pos_w={BOWL_BODY: around(rng) - [0.0, 0.0, 0.3]},
         particle_pos_w=around(rng, particles) - fallen * rng.uniform(0.2, 1.2, (WORLDS, particles, 1)),
         particle_velocity_w=rng.normal(size=(WORLDS, particles, 3)),
         cloth_pos_w=around(rng, vertices, spread=0.3),
-        person_segment_w=ends,
+        person_capsule_ends_w=ends,
         person_radius_m=rng.uniform(0.002, 0.04, (WORLDS, len(GEOMS))),
         right_arm_pos_w=around(rng, 3),
-        right_arm_q_w=rotations(rng, 3),
+        right_arm_quat_w=rotations(rng, 3),
         tool_contact_pos_w=around(rng, MAX_TOOL_CONTACTS, spread=0.05),
         tool_contact_normal_w=transforms.normalize(rng.normal(size=(WORLDS, MAX_TOOL_CONTACTS, 3))),
         tool_contact_force_n=np.where(touching, rng.uniform(0.0, 8.0, touching.shape), 0.0),
         **{f"{name}_force_n": force for name, force in forces.items()},
         **{f"{name}_velocity_w": each for name, each in velocity.items()},
         left_arm_pos_w=around(rng, 3),
-        left_arm_q_w=rotations(rng, 3),
+        left_arm_quat_w=rotations(rng, 3),
     )
 
 
 def people_from(uniforms: Any, distribution: str, impairment: str, task: str) -> People:
-    population, usual = BASE_DISTRIBUTIONS[distribution], TASKS[task]
+    population, usual = POPULATION_DISTRIBUTIONS[distribution], TASKS[task]
     of_people, of_mind, of_impairment = np.cumsum(
-        [distributions.NUM_UNIFORMS, cooperation.NUM_UNIFORMS, impairments.NUM_UNIFORMS]
+        [distributions.NUM_RANDOM_NUMBERS, cooperation.NUM_RANDOM_NUMBERS, impairments.NUM_RANDOM_NUMBERS]
     ).tolist()
-    posture = RECLINED if task == "BedBathing" else SEATED
+    posture = RECLINED_POSTURE if task == "BedBathing" else SEATED_POSTURE
     who = distributions.sample_people(
-        population, population.pose_for_task(task, usual.pose), posture, None, uniforms[:, :of_people]
+        population,
+        population.get_pose_distribution(task, usual.pose_distribution),
+        posture,
+        None,
+        uniforms[:, :of_people],
     )
     if population.partners is not None:
         who = partners.apply_partner_bodies(who, population.partners.sample(uniforms[:, of_people:of_mind]))
@@ -98,7 +102,9 @@ def people_from(uniforms: Any, distribution: str, impairment: str, task: str) ->
     )
 
 
-NUM_UNIFORMS = distributions.NUM_UNIFORMS + cooperation.NUM_UNIFORMS + impairments.NUM_UNIFORMS
+NUM_UNIFORMS = (
+    distributions.NUM_RANDOM_NUMBERS + cooperation.NUM_RANDOM_NUMBERS + impairments.NUM_RANDOM_NUMBERS
+)
 
 
 def step(environment: str, state: Any, action: Any, task_state: Any) -> tuple[Any, ...]:
@@ -106,9 +112,9 @@ def step(environment: str, state: Any, action: Any, task_state: Any) -> tuple[An
     name, robot = ENVIRONMENTS[environment]
     task = TASKS[name]
     result = task.evaluate_step(state, action, task_state)
-    seen = task.observation(task.scene(find_robot(robot)))
-    detour = () if task.detour_m is None else (task.detour_m(state, result.task_state),)
-    return result, task.reward(result.terms), seen.compute(state, result.task_state), *detour
+    seen = task.make_observation_spec(task.make_scene(find_robot(robot)))
+    detour = () if task.compute_detour_m is None else (task.compute_detour_m(state, result.task_state),)
+    return result, task.compute_reward(result.reward_terms), seen.compute(state, result.task_state), *detour
 
 
 @pytest.fixture(params=ENVIRONMENTS)
@@ -116,22 +122,24 @@ def situation(request: pytest.FixtureRequest) -> tuple[str, State, Any, Any]:
     """An environment, a state, an action, and what the task keeps."""
     name, robot = ENVIRONMENTS[request.param]
     task, rng = TASKS[name], np.random.default_rng(7)
-    scene = task.scene(find_robot(robot))
+    scene = task.make_scene(find_robot(robot))
     joints = len(scene.arm.joints)
     particles, vertices = (
         0 if part is None else len(part.bodies) for part in (scene.tool.particles, scene.tool.cloth)
     )
     drives = scene.robot.drive is not None
     state = crowded_state(rng, joints, particles, vertices, drives=drives)
-    kept = task.init_state(
+    kept = task.make_initial_task_state(
         people_from(rng.random((WORLDS, NUM_UNIFORMS)), "revised", "none", name),
-        rng.random((WORLDS, task.num_uniforms)),
+        rng.random((WORLDS, task.num_random_numbers)),
     )
-    if task.marks is not None:
-        spots = task.marks.places(state, kept)[:, rng.integers(task.marks.count, size=MAX_TOOL_CONTACTS)]
+    if task.markers is not None:
+        spots = task.markers.compute_positions_w(state, kept)[
+            :, rng.integers(task.markers.num_markers, size=MAX_TOOL_CONTACTS)
+        ]
         state = replace(state, tool_contact_pos_w=spots + rng.uniform(-0.01, 0.01, spots.shape))
     if name == "ArmManipulation":
-        corner = [RESTING_FOREARM_X_M - ARMREST_HALF_WIDTH_M, ARMREST_FRONT_Y_M, ARMREST_TOP_M]
+        corner = [RESTING_FOREARM_X_M - ARMREST_HALF_WIDTH_M, ARMREST_FRONT_Y_M, ARMREST_TOP_HEIGHT_M]
         state = replace(state, right_arm_pos_w=state.right_arm_pos_w + (corner - CROWD_W))
     return request.param, state, rng.uniform(-1.0, 1.0, (WORLDS, len(scene.action_names))), kept
 
@@ -142,7 +150,7 @@ def test_rewards_are_equal_on_tensors(situation: tuple[str, State, Any, Any]) ->
         wanted = step(environment, state, action, kept)
         assert_tensors_close(step(environment, *as_tensors((state, action, kept))), wanted, environment)
         kept = wanted[0].task_state
-    constant = [name for name, term in step(*situation)[0].terms.items() if np.ptp(term) == 0.0]
+    constant = [name for name, term in step(*situation)[0].reward_terms.items() if np.ptp(term) == 0.0]
     assert not constant, "nothing happened that they count"
 
 
@@ -150,13 +158,15 @@ def test_rewards_are_equal_on_tensors(situation: tuple[str, State, Any, Any]) ->
 def test_a_step_copies_nothing_to_the_host(situation: tuple[str, State, Any, Any]) -> None:
     environment, *given = situation
     result, reward, observation, *_ = step(environment, *as_tensors(tuple(given), "meta"))
-    assert {each.device.type for each in (reward, observation, result.success, result.gone)} == {"meta"}
+    assert {
+        each.device.type for each in (reward, observation, result.success, result.removed_particles_mask)
+    } == {"meta"}
 
 
 def test_single_precision_stays_single(situation: tuple[str, State, Any, Any]) -> None:
     environment, *given = situation
     result, reward, observation, *_ = step(environment, *single_precision(as_tensors(tuple(given))))
-    assert {each.dtype for each in (reward, observation, *result.terms.values())} == {torch.float32}
+    assert {each.dtype for each in (reward, observation, *result.reward_terms.values())} == {torch.float32}
     wanted, _, seen, *_ = step(environment, *given)
     assert_allclose(observation, seen, rtol=1e-5, atol=1e-5)
     assert_allclose(result.distance_m, wanted.distance_m, rtol=1e-5, atol=1e-5)
@@ -166,20 +176,27 @@ def behaviour_models(
     who: People, uniforms: Any, sights: Any, *, distribution: str, task: str, steered: bool
 ) -> list[Any]:
     """Where people want their joints in each of some control steps."""
-    offered, posture = TASKS[task].offered, RECLINED if task == "BedBathing" else SEATED
-    model = BehaviourModel(BASE_DISTRIBUTIONS[distribution], who, offered, posture, human_actions=steered)
+    offered, posture = (
+        TASKS[task].offered_body_part,
+        RECLINED_POSTURE if task == "BedBathing" else SEATED_POSTURE,
+    )
+    model = BehaviourModel(
+        POPULATION_DISTRIBUTIONS[distribution], who, offered, posture, human_actions=steered
+    )
     model.reset(np.arange(WORLDS), who, uniforms)
     joints = cooperation.OFFERED_JOINTS[offered]
 
     def possible(angles: Any) -> Any:
-        return shoulder_limits.clip_shoulders(impairments.clip_to_ranges(who, angles))
+        return shoulder_limits.clip_shoulders(impairments.clip_to_joint_ranges(who, angles))
 
     def targets(sight: Any) -> Any:
         if steered:
-            model.move_targets(joints, uniforms[:, :1] + 0.0 * who.tremor_rad[:, : len(joints)], possible)
+            model.move_joint_targets(
+                joints, uniforms[:, :1] + 0.0 * who.tremor_rad[:, : len(joints)], possible
+            )
             return model.step(lambda: sight, who, possible)
         model.choose_goal_angles(lambda: sight, possible)
-        return model.next_joint_targets(possible, 10)
+        return model.advance_joint_targets(possible, 10)
 
     return [targets(sight) for sight in sights]
 
@@ -187,7 +204,8 @@ def behaviour_models(
 @pytest.mark.fast_cases(5)
 @pytest.mark.parametrize(
     ("distribution", "impairment", "steered"),
-    [(*kind, False) for kind in product(BASE_DISTRIBUTIONS, IMPAIRMENTS)] + [("original", "none", True)],
+    [(*kind, False) for kind in product(POPULATION_DISTRIBUTIONS, IMPAIRMENTS)]
+    + [("original", "none", True)],
 )
 @pytest.mark.parametrize("task", TASKS)
 def test_people_behave_equally_on_tensors(
@@ -197,7 +215,11 @@ def test_people_behave_equally_on_tensors(
     uniforms = rng.random((WORLDS, NUM_UNIFORMS))
     who = people_from(uniforms, distribution, impairment, task)
     assert_tensors_close(people_from(as_tensors(uniforms), distribution, impairment, task), who)
-    given = who, uniforms[:, -cooperation.NUM_UNIFORMS :], tuple(crowded_state(rng, 7, 0) for _ in range(4))
+    given = (
+        who,
+        uniforms[:, -cooperation.NUM_RANDOM_NUMBERS :],
+        tuple(crowded_state(rng, 7, 0) for _ in range(4)),
+    )
     wanted = behaviour_models(*given, distribution=distribution, task=task, steered=steered)
     assert_tensors_close(
         tuple(behaviour_models(*as_tensors(given), distribution=distribution, task=task, steered=steered)),
@@ -211,10 +233,10 @@ def test_impaired_motion_is_equal_on_tensors(impairment: str) -> None:
     rest, targets = rng.normal(size=(2, WORLDS, len(JOINTS)))
 
     def moved(uniforms: Any, rest: Any, targets: Any) -> tuple[Any, ...]:
-        signs, state = sample_motor_signs(impairment, uniforms), impaired_motion.initial_state(rest)
-        return tuple(impaired_motion.step(signs, state, targets, rest, 0.1))
+        signs, state = sample_motor_signs(impairment, uniforms), impaired_motion.make_initial_state(rest)
+        return tuple(impaired_motion.step_impaired_motion(signs, state, targets, rest, 0.1))
 
-    given = rng.random((WORLDS, impairments.NUM_UNIFORMS)), rest, targets
+    given = rng.random((WORLDS, impairments.NUM_RANDOM_NUMBERS)), rest, targets
     assert_tensors_close(moved(*as_tensors(given)), moved(*given))
 
 
@@ -224,7 +246,7 @@ def test_behaviour_copies_nothing_to_the_host(task: str, distribution: str) -> N
     rng = np.random.default_rng(3)
     uniforms = rng.random((WORLDS, NUM_UNIFORMS))
     who = people_from(uniforms, distribution, "tremor", task)
-    given = who, uniforms[:, -cooperation.NUM_UNIFORMS :], (crowded_state(rng, 7, 0),)
+    given = who, uniforms[:, -cooperation.NUM_RANDOM_NUMBERS :], (crowded_state(rng, 7, 0),)
     (targets,) = behaviour_models(
         *as_tensors(given, "meta"), distribution=distribution, task=task, steered=False
     )

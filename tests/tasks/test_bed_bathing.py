@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.geometry import kinematics, transforms
 from avrgym.models import human
-from avrgym.models.human import JOINT_INDEX, RECLINED, People, Person
+from avrgym.models.human import JOINT_INDEX, RECLINED_POSTURE, People, Person
 from avrgym.models.washcloth import PAD_CENTRE_M, PAD_HALF_SIZE_M, WASHCLOTH
 from avrgym.people import distributions
 from avrgym.robots.jaco.robot import JACO
@@ -48,14 +48,14 @@ def state(contacts: dict[tuple[float, float, float], float] | None = None, **cha
     segments[forearm] = ELBOW - FOREARM_M * BACK, ELBOW
     radii[[upper_arm, forearm]] = UPPER_ARM_RADIUS_M, FOREARM_RADIUS_M
     given = {
-        "robot_pos_w": np.array([[-0.75, 0.15, 0.6]]),
+        "robot_torso_pos_w": np.array([[-0.75, 0.15, 0.6]]),
         "tool_pos_w": FAR_AWAY[None],
-        "tool_q_w": FACING_DOWN_Q[None],
-        "pad_pos_w": FAR_AWAY[None],
-        "pad_q_w": FACING_DOWN_Q[None],
+        "tool_quat_w": FACING_DOWN_Q[None],
+        "tool_pad_pos_w": FAR_AWAY[None],
+        "tool_pad_quat_w": FACING_DOWN_Q[None],
         "right_arm_pos_w": np.stack([SHOULDER, ELBOW, WRIST])[None],
-        "right_arm_q_w": np.tile(ALONG_Q, (1, 3, 1)),
-        "person_segment_w": segments[None],
+        "right_arm_quat_w": np.tile(ALONG_Q, (1, 3, 1)),
+        "person_capsule_ends_w": segments[None],
         "person_radius_m": radii[None],
         "tool_force_n": contact_force.sum(axis=-1),
         "total_force_n": contact_force.sum(axis=-1),
@@ -69,10 +69,12 @@ def state(contacts: dict[tuple[float, float, float], float] | None = None, **cha
 @pytest.mark.parametrize("sex", human.SEXES)
 @pytest.mark.parametrize("torso_height_m", human.TORSO_HEIGHT_RANGE_M)
 def test_the_left_hand_lies_beside_the_thigh(sex: human.Sex, torso_height_m: float) -> None:
-    model = human.person_model(Person(sex, torso_height_m, TASK.pose.rest_rad), RECLINED, moving=False)
+    model = human.compile_person_model(
+        Person(sex, torso_height_m, TASK.pose_distribution.rest_angles_rad), RECLINED_POSTURE, moving=False
+    )
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    hand, thigh = (model.geom(human.PREFIX + name).id for name in ("left_hand", "left_thigh"))
+    hand, thigh = (model.geom(human.PERSON_NAME_PREFIX + name).id for name in ("left_hand", "left_thigh"))
     assert mujoco.mj_geomDistance(model, data, hand, thigh, 0.5, None) > 0.03
 
 
@@ -82,7 +84,7 @@ def on_top_of_upper_arm(along_m: float, above_m: float = 0.0) -> tuple[float, fl
 
 def fresh(*persons: Person) -> BedBathingState:
     who = People.from_persons(persons or [MAN])
-    return TASK.init_state(who, np.zeros((len(who.is_woman), TASK.num_uniforms)))
+    return TASK.make_initial_task_state(who, np.zeros((len(who.is_woman), TASK.num_random_numbers)))
 
 
 def evaluated(
@@ -92,12 +94,12 @@ def evaluated(
 
 
 def term(result: StepResult, name: str) -> float:
-    return float(result.terms[name][0])
+    return float(result.reward_terms[name][0])
 
 
 def marker_places(seen: State, task_state: BedBathingState) -> np.ndarray:
     """Where the markers (2, ``MARKERS``, 3) are on the skin, world frame."""
-    pos_w, q_w = seen.right_arm_pos_w[0, :2, None], seen.right_arm_q_w[0, :2, None]
+    pos_w, q_w = seen.right_arm_pos_w[0, :2, None], seen.right_arm_quat_w[0, :2, None]
     return pos_w + transforms.rotate(q_w, task_state.marker_pos[0])
 
 
@@ -130,7 +132,9 @@ def test_every_allowed_person_has_room_for_all_markers():
     """The next ring or the next marker around would not fit into what is there."""
     for sex in human.SEXES:
         task_state = fresh(Person(sex, human.TORSO_HEIGHT_RANGE_M[1]))
-        size = human.body_layout(np.array([sex == "woman"]), np.array([0.75]), RECLINED).geom_size
+        size = human.compute_body_layout(
+            np.array([sex == "woman"]), np.array([0.75]), RECLINED_POSTURE
+        ).geom_size
         for limb, name in enumerate(RIGHT_ARM_LIMBS):
             radius, half_length = size[name][0, 0], size[name][0, 1]
             expected = int(2.0 * half_length / 0.03) * int(2.0 * np.pi * radius / 0.03)
@@ -138,16 +142,16 @@ def test_every_allowed_person_has_room_for_all_markers():
 
 
 def test_marks_are_drawn_above_the_skin_until_they_are_wiped():
-    assert TASK.marks is not None
+    assert TASK.markers is not None
     seen, task_state = state(), fresh()
-    marks = TASK.marks.places(seen, task_state)
-    assert marks.shape == (1, TASK.marks.count, 3)
+    marks = TASK.markers.compute_positions_w(seen, task_state)
+    assert marks.shape == (1, TASK.markers.num_markers, 3)
     shown = marks[0][task_state.exists[0].ravel()]
     from_axis = np.hypot(shown[:, 0] - SHOULDER[0], shown[:, 2] - SHOULDER[2])
     assert_allclose(np.unique(from_axis.round(6)), [0.033 + 0.008, 0.043 + 0.008])
     assert ((marks[0, :, 2] < 0.0) == ~task_state.exists[0].ravel()).all()
     wiped = evaluated(state({on_top_of_upper_arm(0.14): 3.0})).task_state
-    hidden = TASK.marks.places(seen, wiped)[0, :, 2] < 0.0
+    hidden = TASK.markers.compute_positions_w(seen, wiped)[0, :, 2] < 0.0
     assert hidden.sum() == (~task_state.exists).sum() + wiped.wiped.sum() > (~task_state.exists).sum()
 
 
@@ -159,7 +163,7 @@ def wiped_by(seen: State) -> tuple[np.ndarray, np.ndarray]:
     result = evaluated(seen)
     pos = marker_places(seen, fresh())
     wiped = result.task_state.wiped[0]
-    assert term(result, "markers_wiped") == result.events[0] == wiped.sum()
+    assert term(result, "markers_wiped") == result.num_events[0] == wiped.sum()
     return pos[wiped], pos[fresh().exists[0] & ~wiped]
 
 
@@ -202,28 +206,32 @@ def test_a_contact_without_force_or_far_from_the_limb_wipes_nothing():
         assert len(wiped) == 0
 
 
-def touching(pad_q_w: np.ndarray, angle_deg: float, about_rad: float, *, behind_face_m: float = 0.0) -> State:
+def touching(
+    tool_pad_quat_w: np.ndarray, angle_deg: float, about_rad: float, *, behind_face_m: float = 0.0
+) -> State:
     """A cloth whose contact's normal is so far off its face's towards one of its sides, at a place behind the face."""
     angle, place = np.radians(angle_deg), np.array(on_top_of_upper_arm(0.10))
     normal = [np.cos(angle), np.sin(angle) * np.cos(about_rad), np.sin(angle) * np.sin(about_rad)]
     return state(
         {tuple(place): 3.0},
-        tool_contact_normal_w=np.tile(transforms.rotate(pad_q_w, normal), (1, 6, 1)),
-        pad_pos_w=(place + behind_face_m * transforms.rotate(pad_q_w, [1.0, 0.0, 0.0]))[None],
-        pad_q_w=pad_q_w[None],
+        tool_contact_normal_w=np.tile(transforms.rotate(tool_pad_quat_w, normal), (1, 6, 1)),
+        tool_pad_pos_w=(place + behind_face_m * transforms.rotate(tool_pad_quat_w, [1.0, 0.0, 0.0]))[None],
+        tool_pad_quat_w=tool_pad_quat_w[None],
     )
 
 
-@pytest.mark.parametrize("pad_q_w", [FACING_DOWN_Q, ALONG_Q, transforms.normalize([1.0, -2.0, 0.5, 3.0])])
+@pytest.mark.parametrize(
+    "tool_pad_quat_w", [FACING_DOWN_Q, ALONG_Q, transforms.normalize([1.0, -2.0, 0.5, 3.0])]
+)
 @pytest.mark.fast_cases(1)
-def test_only_the_face_wipes(pad_q_w):
+def test_only_the_face_wipes(tool_pad_quat_w):
     """Whichever way the cloth is turned: with its face and the face's rim, never with its sides or its back."""
     for about_rad in np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False):
         for angle_deg, wipes in ((0, True), (30, True), (70, True), (80, False), (90, False), (180, False)):
-            result = evaluated(touching(pad_q_w, angle_deg, about_rad))
+            result = evaluated(touching(tool_pad_quat_w, angle_deg, about_rad))
             assert (term(result, "markers_wiped") > 0) == wipes
         for behind_m, wipes in ((0.0, True), (0.006, True), (0.012, False), (0.02, False)):
-            result = evaluated(touching(pad_q_w, 50, about_rad, behind_face_m=behind_m))
+            result = evaluated(touching(tool_pad_quat_w, 50, about_rad, behind_face_m=behind_m))
             assert (term(result, "markers_wiped") > 0) == wipes
 
 
@@ -239,8 +247,11 @@ def test_a_side_that_touches_adds_nothing_to_what_the_face_wipes():
 @pytest.mark.parametrize(("side", "wipes"), [("face", True), ("lower", False), ("upper", False)])
 def test_in_the_world_it_is_the_face_that_wipes(side, wipes):
     """A cloth that lies along the upper arm and is pressed on it, with one of its sides or another, by a real arm."""
-    scene, who = TASK.scene(JACO), distributions.repeat_person(Person("man", 0.60, TASK.pose.rest_rad), 1)
-    shoulder, elbow, _ = placement.right_arm_joints_w(who, RECLINED)[0]
+    scene, who = (
+        TASK.make_scene(JACO),
+        distributions.repeat_person(Person("man", 0.60, TASK.pose_distribution.rest_angles_rad), 1),
+    )
+    shoulder, elbow, _ = placement.compute_right_arm_joint_pos_w(who, RECLINED_POSTURE)[0]
     along = transforms.normalize(elbow - shoulder)
     down = transforms.normalize(-UP + (UP @ along) * along)
     x, half = {"face": (down, 0), "lower": (np.cross(down, along), 2), "upper": (np.cross(along, down), 2)}[
@@ -249,20 +260,22 @@ def test_in_the_world_it_is_the_face_that_wipes(side, wipes):
     tool_q = transforms.from_matrix(np.stack([x, along, np.cross(x, along)], axis=-1))
     pad = 0.5 * (shoulder + elbow) - (UPPER_ARM_RADIUS_M + PAD_HALF_SIZE_M[half] + 0.015) * down
     tool = (pad - transforms.rotate(tool_q, PAD_CENTRE_M))[None]
-    uniforms = np.random.default_rng(0).random((1, TASK.num_uniforms))
-    start = placement.find_start(
+    uniforms = np.random.default_rng(0).random((1, TASK.num_random_numbers))
+    start = placement.find_initial_state(
         scene, who, {}, tool, tool_q[None], tool[:, None], tool_q[None, None], uniforms
     )
     simulation = Simulation(scene, 1, num_threads=1)
-    simulation.reset(np.array([0]), replace(start, placed_pos_w={"nightstand": start.robot_pos_w}))
+    simulation.reset(np.array([0]), replace(start, furniture_pos_w={"nightstand": start.robot_base_pos_w}))
     task_state, pressed_n = fresh(), 0.0
     for _ in range(6):
-        _, _, jacobian = kinematics.jacobian(placement.arm_chain(scene), simulation.joint_positions())
-        velocity = transforms.rotate(transforms.conjugate(start.robot_q_w[0]), 0.04 * down)
+        _, _, jacobian = kinematics.compute_jacobian(
+            placement.make_arm_chain(scene), simulation.get_joint_positions()
+        )
+        velocity = transforms.rotate(transforms.conjugate(start.robot_base_quat_w[0]), 0.04 * down)
         rates = np.linalg.pinv(jacobian[0]) @ np.concatenate([velocity, np.zeros(3)])
         simulation.command_robot((rates / scene.arm.speed_limit)[None])
         simulation.step()
-        seen = simulation.state()
+        seen = simulation.get_state()
         task_state, pressed_n = (
             TASK.evaluate_step(seen, STILL, task_state).task_state,
             max(pressed_n, seen.total_force_n[0]),
@@ -342,7 +355,7 @@ def test_action_and_speed_terms():
 
 
 def test_the_weights_are_those_of_the_paper():
-    assert TASK.weights == {
+    assert TASK.reward_weights == {
         "distance_m": -1.0,
         "action_squared": -0.01,
         "markers_wiped": 5.0,
@@ -363,8 +376,8 @@ def test_the_reward_is_the_weighted_sum():
     assert distance > 0.9
     assert wiped > 0
     expected = -distance - 0.01 * 7 * 0.25 + 5 * wiped - 0.25 * 0.2 - 0.01 * 7.0 - 0.05 * 20.0
-    assert TASK.reward(result.terms)[0] == pytest.approx(expected)
-    assert set(result.terms) == set(TASK.weights)
+    assert TASK.compute_reward(result.reward_terms)[0] == pytest.approx(expected)
+    assert set(result.reward_terms) == set(TASK.reward_weights)
 
 
 def test_worlds_are_evaluated_independently():
@@ -372,13 +385,13 @@ def test_worlds_are_evaluated_independently():
     arrays = {
         name: np.concatenate([getattr(world, name) for world in worlds])
         for name in vars(worlds[0])
-        if name != "placed_pos_w"
+        if name != "furniture_pos_w"
     }
-    together = TASK.evaluate_step(State(**arrays, placed_pos_w={}), np.zeros((3, 7)), fresh(MAN, MAN, MAN))
+    together = TASK.evaluate_step(State(**arrays, furniture_pos_w={}), np.zeros((3, 7)), fresh(MAN, MAN, MAN))
     for index, world in enumerate(worlds):
         alone = evaluated(world)
-        for name, value in together.terms.items():
-            assert value[index] == alone.terms[name][0], name
+        for name, value in together.reward_terms.items():
+            assert value[index] == alone.reward_terms[name][0], name
         assert_array_equal(together.task_state.wiped[index], alone.task_state.wiped[0])
 
 
@@ -388,12 +401,12 @@ def test_worlds_are_evaluated_independently():
 def test_the_observation_has_the_documented_order():
     """Tool − torso, tool rotation, arm angles, shoulder, elbow and wrist − torso, force at the tool."""
     tool_q = transforms.normalize([[1.0, 2.0, 3.0, 4.0]])
-    seen = state(joint_positions=np.arange(7.0)[None], tool_q_w=tool_q, tool_force_n=np.array([9.0]))
-    torso = seen.robot_pos_w[0]
+    seen = state(joint_positions=np.arange(7.0)[None], tool_quat_w=tool_q, tool_force_n=np.array([9.0]))
+    torso = seen.robot_torso_pos_w[0]
     expected = np.concatenate(
         [FAR_AWAY - torso, tool_q[0], np.arange(7.0), SHOULDER - torso, ELBOW - torso, WRIST - torso, [9.0]]
     )
-    observation = TASK.observation(TASK.scene(JACO))
+    observation = TASK.make_observation_spec(TASK.make_scene(JACO))
     assert_allclose(observation.compute(seen, fresh()), expected[None])
     assert observation.size == len(expected) == 24
     assert [entry.size for entry in observation.entries] == [3, 4, 7, 3, 3, 3, 1]
@@ -403,7 +416,7 @@ def test_the_observation_has_the_documented_order():
 
 
 def test_the_person_lies_with_the_right_arm_away_from_the_body():
-    rest = {name: np.degrees(TASK.pose.rest_rad[i]) for name, i in JOINT_INDEX.items()}
+    rest = {name: np.degrees(TASK.pose_distribution.rest_angles_rad[i]) for name, i in JOINT_INDEX.items()}
     moved = {name: angle for name, angle in rest.items() if angle != 0.0}
     assert moved == pytest.approx(
         {
@@ -414,33 +427,37 @@ def test_the_person_lies_with_the_right_arm_away_from_the_body():
             "left_elbow_x": -45.0,
         }
     )
-    spread = {name for name, i in JOINT_INDEX.items() if TASK.pose.spread_rad[i] != 0.0}
+    spread = {name for name, i in JOINT_INDEX.items() if TASK.pose_distribution.max_offset_rad[i] != 0.0}
     assert spread == {name for name in JOINT_INDEX if name.startswith("right_")}
-    assert_allclose(np.degrees(TASK.pose.spread_rad).max(), 10.0)
+    assert_allclose(np.degrees(TASK.pose_distribution.max_offset_rad).max(), 10.0)
 
 
 @pytest.mark.parametrize("robot", [JACO, PR2])
 def test_episodes_begin_with_the_cloth_beside_the_arm(robot):
     episodes = Episodes(f"avrgym/BedBathing{robot.name}-v1", 16, people="revised", num_threads=1)
     episodes.reset(np.arange(16), [np.random.default_rng(i) for i in range(16)])
-    seen = episodes.simulation.state()
-    hand = seen.tool_pos_w + transforms.rotate(seen.tool_q_w, WASHCLOTH.grip_pos)
+    seen = episodes.simulation.get_state()
+    hand = seen.tool_pos_w + transforms.rotate(seen.tool_quat_w, WASHCLOTH.grip_pos)
     assert_allclose(hand, np.tile([-0.5, -0.1, 1.0], (16, 1)), atol=0.006)
-    face = transforms.rotate(seen.tool_q_w, [1.0, 0.0, 0.0])
+    face = transforms.rotate(seen.tool_quat_w, [1.0, 0.0, 0.0])
     assert_allclose(face, np.tile([np.sqrt(0.5), 0.0, -np.sqrt(0.5)], (16, 1)), atol=0.06)
     assert (seen.robot_force_n == 0.0).all()
-    assert (bed_bathing.cloth_distance_m(seen) > 0.02).all()
+    assert (bed_bathing.compute_cloth_distance_m(seen) > 0.02).all()
 
 
 def test_the_nightstand_goes_with_the_robot(rng):
-    scene = TASK.scene(JACO)
-    start = TASK.start(scene, distributions.repeat_person(MAN, 8), rng.random((8, TASK.num_uniforms)))
-    assert_array_equal(start.placed_pos_w["nightstand"], start.robot_pos_w)
-    assert np.abs(start.robot_pos_w - [-0.75, 0.15, 0.6]).max() <= 0.1
+    scene = TASK.make_scene(JACO)
+    start = TASK.sample_initial_states(
+        scene, distributions.repeat_person(MAN, 8), rng.random((8, TASK.num_random_numbers))
+    )
+    assert_array_equal(start.furniture_pos_w["nightstand"], start.robot_base_pos_w)
+    assert np.abs(start.robot_base_pos_w - [-0.75, 0.15, 0.6]).max() <= 0.1
     assert (
-        TASK.start(
-            TASK.scene(PR2), distributions.repeat_person(MAN, 1), rng.random((1, TASK.num_uniforms))
-        ).placed_pos_w
+        TASK.sample_initial_states(
+            TASK.make_scene(PR2),
+            distributions.repeat_person(MAN, 1),
+            rng.random((1, TASK.num_random_numbers)),
+        ).furniture_pos_w
         == {}
     )
 

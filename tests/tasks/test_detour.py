@@ -6,9 +6,13 @@ from numpy.testing import assert_allclose
 
 from avrgym.geometry import transforms
 from avrgym.simulation.worlds import State
-from avrgym.tasks.scratch_itch.detour import TIP_TO_HAND_DISTANCE_M, limb_detour_m, tool_and_hand_detour_m
+from avrgym.tasks.scratch_itch.detour import (
+    TIP_TO_HAND_DISTANCE_M,
+    compute_limb_detour_m,
+    compute_tool_and_hand_detour_m,
+)
 from avrgym.tasks.scratch_itch.expert import ROD_DIRECTION
-from avrgym.tasks.scratch_itch.feedback_expert import hand_rotation_rad
+from avrgym.tasks.scratch_itch.feedback_expert import compute_hand_rotation_rad
 from avrgym.tasks.scratch_itch.reward import ScratchItchState
 from helpers.simulation.worlds import resting_state
 
@@ -19,7 +23,7 @@ LIMB_Q_W = transforms.normalize(np.array([0.4, -0.2, 0.7, 0.5]))
 
 def detour_m(tool: np.ndarray, itch: np.ndarray) -> np.ndarray:
     """Of tools (N, 3) to itches (N, 3) in the frame of the limb."""
-    return limb_detour_m(*seen_with(tool, itch))
+    return compute_limb_detour_m(*seen_with(tool, itch))
 
 
 def seen_with(tool: np.ndarray, itch: np.ndarray, **changes: np.ndarray) -> tuple[State, ScratchItchState]:
@@ -28,7 +32,7 @@ def seen_with(tool: np.ndarray, itch: np.ndarray, **changes: np.ndarray) -> tupl
     seen = resting_state(
         tool_pos_w=LIMB_POS_W + transforms.rotate(LIMB_Q_W, tool),
         right_arm_pos_w=np.tile(LIMB_POS_W, (count, 3, 1)),
-        right_arm_q_w=np.tile(LIMB_Q_W, (count, 3, 1)),
+        right_arm_quat_w=np.tile(LIMB_Q_W, (count, 3, 1)),
         **changes,
     )
     zeros = np.zeros(count, dtype=np.intp)
@@ -101,14 +105,18 @@ def test_no_path_outside_the_limb_is_shorter(places):
 
 def test_the_hand_has_a_way_to_go_until_it_is_where_it_has_room(places, rng):
     tool, itch = places
-    tool_q_w = transforms.normalize(rng.normal(size=(500, 4)))
+    tool_quat_w = transforms.normalize(rng.normal(size=(500, 4)))
     out_w = transforms.rotate(LIMB_Q_W, itch * [1.0, 1.0, 0.0] / RADIUS_M)
-    turn = hand_rotation_rad(transforms.rotate(tool_q_w, ROD_DIRECTION), out_w)
-    hand_m = tool_and_hand_detour_m(*seen_with(tool, itch, tool_q_w=tool_q_w)) - detour_m(tool, itch)
+    turn = compute_hand_rotation_rad(transforms.rotate(tool_quat_w, ROD_DIRECTION), out_w)
+    hand_m = compute_tool_and_hand_detour_m(*seen_with(tool, itch, tool_quat_w=tool_quat_w)) - detour_m(
+        tool, itch
+    )
     assert_allclose(hand_m, TIP_TO_HAND_DISTANCE_M * np.linalg.norm(turn, axis=-1))
-    there_q_w = transforms.multiply(transforms.from_rotation_vector(turn), tool_q_w)
+    there_q_w = transforms.multiply(transforms.from_rotation_vector(turn), tool_quat_w)
     assert_allclose(
-        tool_and_hand_detour_m(*seen_with(tool, itch, tool_q_w=there_q_w)), detour_m(tool, itch), atol=1e-8
+        compute_tool_and_hand_detour_m(*seen_with(tool, itch, tool_quat_w=there_q_w)),
+        detour_m(tool, itch),
+        atol=1e-8,
     )
 
 

@@ -14,14 +14,14 @@ from avrgym.simulation.worlds import State
 from avrgym.tasks.dressing.reward import (
     ARM_POINTS,
     DRESSED_SHOULDER_DISTANCE_M,
-    FOREARM_GEOM,
-    HAND_GEOM,
-    UPPER_ARM_GEOM,
-    arm_path,
+    FOREARM_GEOM_INDEX,
+    HAND_GEOM_INDEX,
+    UPPER_ARM_GEOM_INDEX,
+    compute_arm_path,
     evaluate_step,
-    init_state,
     is_rim_around_axis,
     locate_opening,
+    make_initial_task_state,
 )
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
@@ -39,16 +39,16 @@ RIM = 0.09 * np.stack(
 def state(opening_w: np.ndarray, turn: int = 1) -> State:
     """One world at rest: a straight arm along y, and a flat opening around a centre."""
     segments = np.zeros((1, len(human.GEOMS), 2, 3))
-    segments[0, HAND_GEOM] = HAND
-    segments[0, FOREARM_GEOM] = WRIST, ELBOW
-    segments[0, UPPER_ARM_GEOM] = ELBOW, SHOULDER
+    segments[0, HAND_GEOM_INDEX] = HAND
+    segments[0, FOREARM_GEOM_INDEX] = WRIST, ELBOW
+    segments[0, UPPER_ARM_GEOM_INDEX] = ELBOW, SHOULDER
     cloth = np.tile(opening_w + RIM[::turn], (RING_COUNT, 1))[None]
-    return resting_state(person_segment_w=segments, cloth_pos_w=cloth, tool_pos_w=opening_w[None])
+    return resting_state(person_capsule_ends_w=segments, cloth_pos_w=cloth, tool_pos_w=opening_w[None])
 
 
 def dressed_m(opening_w: np.ndarray) -> float:
     seen = state(opening_w)
-    opening = locate_opening(seen, arm_path(seen))
+    opening = locate_opening(seen, compute_arm_path(seen))
     return float(opening.path_distance_m[0]) if opening.is_around_arm[0] else 0.0
 
 
@@ -73,21 +73,23 @@ def test_nothing_is_dressed_before_the_hand() -> None:
 
 
 def test_each_place_counts_once_and_success_stays() -> None:
-    task_state = init_state(TASK_PEOPLE, np.zeros((1, TASK.num_uniforms)))
+    task_state = make_initial_task_state(TASK_PEOPLE, np.zeros((1, TASK.num_random_numbers)))
     events, newly = [], 0.0
     ways = (-0.05, 0.0, 0.11, 0.2, 0.36, 0.65 - DRESSED_SHOULDER_DISTANCE_M + 0.01, 0.2, -0.05)
     for way in ways:
         result = evaluate_step(state(HAND + np.array([0.0, way, 0.0])), STILL, task_state)
         task_state = result.task_state
-        events.append(int(result.events[0]))
-        newly += float(result.terms["newly_dressed_m"][0])
+        events.append(int(result.num_events[0]))
+        newly += float(result.reward_terms["newly_dressed_m"][0])
     assert events == [0, 0, 1, 0, 1, 1, 0, 0]
     assert sum(events) == len(ARM_POINTS)
     assert result.success.all()
     assert_allclose(newly, 0.65 - DRESSED_SHOULDER_DISTANCE_M + 0.01)
 
 
-TASK_PEOPLE = human.People.from_persons([human.Person(joint_angles_rad=TASK.pose.rest_rad)])
+TASK_PEOPLE = human.People.from_persons(
+    [human.Person(joint_angles_rad=TASK.pose_distribution.rest_angles_rad)]
+)
 
 
 # The sleeve
@@ -102,10 +104,10 @@ def reset_episodes(robot: str, count: int, people: str = "revised") -> Episodes:
 def test_a_held_sleeve_hangs_from_its_hoop_at_rest() -> None:
     """It keeps its size, touches nobody, and stops to swing."""
     episodes = reset_episodes("Jaco", 1)
-    start = episodes.state()
+    start = episodes.get_state()
     for _ in range(30):
         step = episodes.step(np.zeros((1, 7)))
-    state, before = episodes.state(), start.cloth_pos_w[0, :VERTICES_PER_RING]
+    state, before = episodes.get_state(), start.cloth_pos_w[0, :VERTICES_PER_RING]
     held = list(SLEEVE_CLOTH.attached_vertices)
     assert_allclose(state.cloth_pos_w[0, held], before[held], atol=0.01)
     assert state.cloth_pos_w[0, :, 2].mean() < start.cloth_pos_w[0, :, 2].mean() - 0.02
@@ -113,7 +115,7 @@ def test_a_held_sleeve_hangs_from_its_hoop_at_rest() -> None:
     assert step.force_on_person_n[0] < 0.05
     rest = state.cloth_pos_w
     episodes.step(np.zeros((1, 7)))
-    assert np.abs(episodes.state().cloth_pos_w - rest).max() < 0.005
+    assert np.abs(episodes.get_state().cloth_pos_w - rest).max() < 0.005
 
 
 def edges_m(state: State) -> np.ndarray:
@@ -137,7 +139,7 @@ def test_experts_dress_the_whole_arm_gently(robot: str, people: str) -> None:
     assert step.success.mean() >= (0.6 if robot == "Stretch" else 0.8)
     assert strongest_n[step.success].max() < COMFORTABLE_N
     assert strongest_n.max() < 0.5 * QUASI_STATIC_LIMIT_N.min()
-    state = episodes.state()
+    state = episodes.get_state()
     *others, free_end = (ring_is_around_arm(state, ring)[step.success] for ring in range(1, RING_COUNT))
     assert np.all(others)
     assert free_end.mean() >= 0.6
@@ -145,7 +147,7 @@ def test_experts_dress_the_whole_arm_gently(robot: str, people: str) -> None:
 
 def ring_is_around_arm(state: State, ring: int) -> np.ndarray:
     path, rim = (
-        arm_path(state),
+        compute_arm_path(state),
         state.cloth_pos_w[:, ring * VERTICES_PER_RING : (ring + 1) * VERTICES_PER_RING],
     )
     ahead = ((rim.mean(axis=1)[:, None] - path.section_start_w) * path.section_direction_w).sum(axis=-1)
@@ -161,7 +163,7 @@ def test_forces_of_the_cloth_are_those_of_all_less_those_of_the_robot() -> None:
     expert, touched = episodes.task.expert(episodes), 0
     for _ in range(40):
         episodes.step(expert(episodes.observe()))
-        seen = episodes.state()
+        seen = episodes.get_state()
         assert (seen.cloth_force_n <= seen.total_force_n + 1e-9).all()
         assert_array_equal(seen.links_force_n, 0.0)
         assert (seen.tool_force_n <= seen.total_force_n + 1e-9).all()
@@ -175,10 +177,13 @@ def test_forces_of_the_cloth_are_those_of_all_less_those_of_the_robot() -> None:
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_mount_mirrored_twice_is_the_same(robot: str) -> None:
     for mount in ROBOTS[robot].mounts.values():
-        if mount.carrier is not None and "mirrored" not in inspect.signature(mount.carrier).parameters:
+        if (
+            mount.carrier_builder is not None
+            and "mirrored" not in inspect.signature(mount.carrier_builder).parameters
+        ):
             continue
-        once = mount.mirrored()
-        twice = once.mirrored()
+        once = mount.mirror()
+        twice = once.mirror()
         assert once.pos_w[0] * mount.pos_w[0] < 0.0
         assert_allclose(twice.pos_w, mount.pos_w)
         assert_allclose(np.cos(twice.yaw_rad - mount.yaw_rad), 1.0)

@@ -12,7 +12,7 @@ from avrgym.people import distributions
 from avrgym.robots.jaco.robot import JACO
 from avrgym.simulation.worlds import State
 from avrgym.tasks.drinking.reward import DrinkingState
-from avrgym.tasks.drinking.task import CUP_START_Q_W
+from avrgym.tasks.drinking.task import INITIAL_CUP_QUAT_W
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.task import StepResult
@@ -36,21 +36,21 @@ def state(water: dict[int, np.ndarray] | None = None, **changes: np.ndarray) -> 
     for index, place in (water or {}).items():
         spheres[index] = place
     given = {
-        "robot_pos_w": np.array([[-0.35, -0.3, 0.36]]),
+        "robot_torso_pos_w": np.array([[-0.35, -0.3, 0.36]]),
         "tool_pos_w": EDGE[None],
         "head_pos_w": np.array([[0.0, 0.03, 1.25]]),
         "mouth_pos_w": MOUTH[None],
         "particle_pos_w": spheres[None],
         "particle_velocity_w": np.zeros((1, 64, 3)),
-        "person_segment_w": np.array([[[[-0.1, 0.0, 1.0], [0.1, 0.0, 1.0]]]]),
+        "person_capsule_ends_w": np.array([[[[-0.1, 0.0, 1.0], [0.1, 0.0, 1.0]]]]),
         "person_radius_m": np.array([[0.1]]),
     }
     return resting_state(**given | changes)
 
 
 def fresh(count: int = 1) -> DrinkingState:
-    return DRINKING.init_state(
-        distributions.repeat_person(Person(), count), np.zeros((count, DRINKING.num_uniforms))
+    return DRINKING.make_initial_task_state(
+        distributions.repeat_person(Person(), count), np.zeros((count, DRINKING.num_random_numbers))
     )
 
 
@@ -59,7 +59,7 @@ def evaluated(seen: State, task_state: DrinkingState | None = None, action: np.n
 
 
 def term(result: StepResult, name: str) -> float:
-    return float(result.terms[name][0])
+    return float(result.reward_terms[name][0])
 
 
 def counts(result: StepResult) -> tuple[float, float, float]:
@@ -68,7 +68,7 @@ def counts(result: StepResult) -> tuple[float, float, float]:
 
 
 def gone(result: StepResult) -> list[int]:
-    return np.nonzero(result.gone[0])[0].tolist()
+    return np.nonzero(result.removed_particles_mask[0])[0].tolist()
 
 
 # Water
@@ -82,7 +82,7 @@ def test_water_in_the_mouth_counts_once_and_leaves_the_scene():
     seen = state({3: MOUTH + 0.029 * UP})
     result = evaluated(seen)
     assert counts(result) == (1, 0, 0)
-    assert result.events[0] == 1
+    assert result.num_events[0] == 1
     assert gone(result) == [3]
     again = evaluated(seen, result.task_state)
     assert counts(again) == (0, 0, 0)
@@ -105,7 +105,7 @@ def test_the_cup_is_where_the_tool_has_turned_it():
     """Lying down, its opening to the left: the cup's water is to the right of its edge, at most 94 mm above."""
     lying = transforms.from_axis_angle(BACK, 0.5 * np.pi)[None]
     inside, outside = EDGE - 0.05 * LEFT + 0.05 * UP, EDGE + 0.005 * LEFT + 0.01 * UP
-    seen = state({}, tool_q_w=lying, mouth_pos_w=EDGE[None])
+    seen = state({}, tool_quat_w=lying, mouth_pos_w=EDGE[None])
     for place, drunk in ((inside, 0), (outside, 64)):
         assert counts(evaluated(replace(seen, particle_pos_w=np.tile(place, (1, 64, 1))))) == (drunk, 0, 0)
 
@@ -113,7 +113,7 @@ def test_the_cup_is_where_the_tool_has_turned_it():
 def test_water_below_cup_and_mouth_is_spilled_once():
     result = evaluated(state({5: FALLEN}))
     assert counts(result) == (0, 1, 0)
-    assert result.events[0] == 0
+    assert result.num_events[0] == 0
     assert gone(result) == []
     assert counts(evaluated(state({5: FALLEN}), result.task_state)) == (0, 0, 0)
 
@@ -157,7 +157,7 @@ def test_spilled_water_may_still_hit_the_person():
 
 def test_water_in_mouth_or_cup_is_not_on_the_person():
     for place in (MOUTH, CUP_MIDDLE):
-        touched = state({0: place}, person_segment_w=np.tile(place, (1, 1, 2, 1)))
+        touched = state({0: place}, person_capsule_ends_w=np.tile(place, (1, 1, 2, 1)))
         assert term(evaluated(touched), "water_on_person") == 0
 
 
@@ -191,15 +191,15 @@ def test_a_cup_may_be_as_far_above_horizontal_as_below(axis, from_horizontal_rad
     turned = transforms.from_axis_angle(UP, 0.7)
     for sign in (-1.0, 1.0):
         tilt = transforms.from_axis_angle(axis, 0.5 * np.pi + sign * from_horizontal_rad)
-        seen = state(tool_q_w=transforms.multiply(tilt, turned)[None])
+        seen = state(tool_quat_w=transforms.multiply(tilt, turned)[None])
         assert term(evaluated(seen), "off_horizontal_rad") == pytest.approx(from_horizontal_rad, abs=1e-7)
 
 
 def test_no_tilt_is_rewarded_beyond_a_cup_that_lies(rng):
     """Of any rotation the term lies between nothing and a quarter turn, and costs."""
     for q_w in transforms.normalize(rng.normal(size=(200, 4))):
-        assert 0.0 <= term(evaluated(state(tool_q_w=q_w[None])), "off_horizontal_rad") <= 0.5 * np.pi
-    assert DRINKING.weights["off_horizontal_rad"] < 0.0
+        assert 0.0 <= term(evaluated(state(tool_quat_w=q_w[None])), "off_horizontal_rad") <= 0.5 * np.pi
+    assert DRINKING.reward_weights["off_horizontal_rad"] < 0.0
 
 
 def test_action_speed_and_force_terms():
@@ -229,7 +229,7 @@ def test_the_tool_presses_strongly_from_ten_newtons_in_all(newtons, strong, plac
 
 
 def test_the_weights_are_those_of_the_paper():
-    assert DRINKING.weights == {
+    assert DRINKING.reward_weights == {
         "distance_m": -1.0,
         "action_squared": -0.01,
         "off_horizontal_rad": -0.1,
@@ -247,7 +247,7 @@ def test_the_reward_is_the_weighted_sum():
     seen = state(
         {0: MOUTH, 1: MOUTH, 2: FALLEN, 3: BESIDE_THE_CHEST},
         particle_velocity_w=np.full((1, 64, 3), 0.1),
-        tool_q_w=transforms.from_axis_angle(LEFT, 0.1)[None],
+        tool_quat_w=transforms.from_axis_angle(LEFT, 0.1)[None],
         tool_velocity_w=np.array([[0.0, 0.2, 0.0]]),
         links_force_n=np.array([7.0]),
         tool_contact_force_n=np.array([[9.0, 4.0, 0.0, 0.0, 0.0, 0.0]]),
@@ -267,17 +267,17 @@ def test_the_reward_is_the_weighted_sum():
         - 1
         - entry
     )
-    assert DRINKING.reward(result.terms)[0] == pytest.approx(expected)
-    assert set(result.terms) == set(DRINKING.weights)
+    assert DRINKING.compute_reward(result.reward_terms)[0] == pytest.approx(expected)
+    assert set(result.reward_terms) == set(DRINKING.reward_weights)
 
 
 def test_worlds_are_evaluated_independently():
     worlds = [state({0: MOUTH}), state({0: FALLEN}), state()]
-    names = [name for name in vars(worlds[0]) if name != "placed_pos_w"]
+    names = [name for name in vars(worlds[0]) if name != "furniture_pos_w"]
     arrays = {name: np.concatenate([getattr(world, name) for world in worlds]) for name in names}
-    result = DRINKING.evaluate_step(State(**arrays, placed_pos_w={}), np.zeros((3, 7)), fresh(3))
-    assert_array_equal(result.terms["water_in_mouth"], [1, 0, 0])
-    assert_array_equal(result.terms["water_spilled"], [0, 1, 0])
+    result = DRINKING.evaluate_step(State(**arrays, furniture_pos_w={}), np.zeros((3, 7)), fresh(3))
+    assert_array_equal(result.reward_terms["water_in_mouth"], [1, 0, 0])
+    assert_array_equal(result.reward_terms["water_spilled"], [0, 1, 0])
 
 
 # Observation
@@ -287,13 +287,16 @@ def test_the_observation_has_the_documented_order():
     """Tool − torso, tool rotation, tool − mouth, arm angles, head − torso, head rotation, force at the tool."""
     tool_q, head_q = transforms.normalize([[1.0, 2, 3, 4]]), transforms.normalize([[4.0, 3, 2, 1]])
     seen = state(
-        joint_positions=np.arange(7.0)[None], tool_q_w=tool_q, head_q_w=head_q, tool_force_n=np.array([9.0])
+        joint_positions=np.arange(7.0)[None],
+        tool_quat_w=tool_q,
+        head_quat_w=head_q,
+        tool_force_n=np.array([9.0]),
     )
-    torso = seen.robot_pos_w[0]
+    torso = seen.robot_torso_pos_w[0]
     expected = np.concatenate(
         [EDGE - torso, tool_q[0], EDGE - MOUTH, np.arange(7.0), seen.head_pos_w[0] - torso, head_q[0], [9.0]]
     )
-    observation = DRINKING.observation(DRINKING.scene(JACO))
+    observation = DRINKING.make_observation_spec(DRINKING.make_scene(JACO))
     assert_allclose(observation.compute(seen, fresh()), expected[None])
     assert [entry.size for entry in observation.entries] == [3, 4, 3, 7, 3, 4, 1]
 
@@ -308,7 +311,7 @@ def test_water_begins_inside_the_cup_without_overlap():
     for x, y, z in WATER.initial_pos:
         assert np.hypot(
             x - DEFAULT_CUP_SHAPE.axis_x_m, y
-        ) + WATER.radius_m < DEFAULT_CUP_SHAPE.inner_radius_m(z)
+        ) + WATER.radius_m < DEFAULT_CUP_SHAPE.compute_inner_radius_m(z)
         assert -DEFAULT_CUP_SHAPE.height_m < z - WATER.radius_m < 0.0
     assert (DEFAULT_CUP_SHAPE.rim_radius_m, DEFAULT_CUP_SHAPE.height_m) == (0.047, 0.125)
 
@@ -321,9 +324,9 @@ def reset_episodes(count: int, robot: str = "Jaco") -> Episodes:
 
 def in_cup_frame(episodes: Episodes) -> np.ndarray:
     """The water (N, 64, 3) in the cup's frame."""
-    seen = episodes.simulation.state()
+    seen = episodes.simulation.get_state()
     offset = seen.particle_pos_w - seen.tool_pos_w[:, None]
-    return transforms.rotate(transforms.conjugate(seen.tool_q_w)[:, None], offset)
+    return transforms.rotate(transforms.conjugate(seen.tool_quat_w)[:, None], offset)
 
 
 def test_water_stays_in_a_cup_that_is_carried_fast():
@@ -354,7 +357,7 @@ def test_a_cup_that_is_turned_over_spills_every_sphere_once():
 
 def on_floor(episodes: Episodes) -> list[set[str]]:
     """By world, the spheres that fell to the floor and were taken away."""
-    away = np.abs(episodes.simulation.state().particle_pos_w[..., 0]) > 2.0
+    away = np.abs(episodes.simulation.get_state().particle_pos_w[..., 0]) > 2.0
     assert away.sum() > 100
     return [{WATER.bodies[k] for k in np.nonzero(world)[0]} for world in away]
 
@@ -372,13 +375,13 @@ def assert_touch_nothing(episodes: Episodes, spheres: list[set[str]]) -> None:
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
 def test_episodes_begin_before_the_person_with_an_upright_cup(robot):
     episodes = reset_episodes(32, robot)
-    seen = episodes.simulation.state()
-    hand = seen.tool_pos_w + transforms.rotate(seen.tool_q_w, episodes.scene.tool.grip_pos)
+    seen = episodes.simulation.get_state()
+    hand = seen.tool_pos_w + transforms.rotate(seen.tool_quat_w, episodes.scene.tool.grip_pos)
     offset = hand - [-0.2, -0.5, 1.0]
     assert np.abs(offset).max() <= 0.05 + 0.01
     assert np.abs(offset).max(axis=0).min() > 0.04
-    assert_allclose(transforms.angle_between(seen.tool_q_w, CUP_START_Q_W), 0.0, atol=0.05)
-    assert_allclose(transforms.rotate(CUP_START_Q_W, [1.0, 0.0, 0.0]), BACK, atol=1e-12)
+    assert_allclose(transforms.angle_between(seen.tool_quat_w, INITIAL_CUP_QUAT_W), 0.0, atol=0.05)
+    assert_allclose(transforms.rotate(INITIAL_CUP_QUAT_W, [1.0, 0.0, 0.0]), BACK, atol=1e-12)
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from avrgym.geometry import transforms
 from avrgym.models import human, robot
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.placement import furniture_edge_x_m
+from avrgym.tasks.placement import compute_furniture_edge_x_m
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.simulation.worlds import assert_finite, jerky_actions
 
@@ -75,9 +75,9 @@ def test_what_a_tool_carries_stays_in_it_while_the_arm_is_still(environment):
 
 def on_tool(episodes: Episodes) -> np.ndarray:
     """Where particles (N, K, 3) are in the frame of the tool."""
-    state = episodes.simulation.state()
+    state = episodes.simulation.get_state()
     offset = state.particle_pos_w - state.tool_pos_w[:, None]
-    return transforms.rotate(transforms.conjugate(state.tool_q_w)[:, None], offset)
+    return transforms.rotate(transforms.conjugate(state.tool_quat_w)[:, None], offset)
 
 
 @pytest.mark.fast_cases(1)
@@ -108,7 +108,7 @@ def _depth(model: mujoco.MjModel, data: mujoco.MjData) -> float:
         pair = {
             model.body(model.geom_bodyid[geom]).name.split("/")[0] for geom in (contact.geom1, contact.geom2)
         }
-        if pair == {human.PREFIX[:-1], robot.PREFIX[:-1]}:
+        if pair == {human.PERSON_NAME_PREFIX[:-1], robot.ROBOT_NAME_PREFIX[:-1]}:
             deepest = max(deepest, -float(contact.dist))
     return deepest
 
@@ -117,12 +117,12 @@ def _depth(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 @pytest.mark.fast_cases(2)
 def test_a_mobile_robot_stands_clear_of_wheelchair_and_bed_and_faces_the_person(environment):
     episodes = reset_episodes(environment, 64)
-    pos_w, q_w = episodes.simulation.initial_base_pose()
-    half = episodes.scene.robot.half_width_m
+    pos_w, q_w = episodes.simulation.get_initial_base_pose()
+    half = episodes.scene.robot.base_half_width_m
     corners = np.array([[x, y, 0.0] for x in (-half, half) for y in (-half, half)])
     reach_w = pos_w[:, None] + transforms.rotate(q_w[:, None], corners)
     to_person = -np.sign(episodes.scene.mount.pos_w[0])
-    assert (to_person * reach_w[..., 0] <= furniture_edge_x_m(episodes.scene.posture) + 1e-9).all()
+    assert (to_person * reach_w[..., 0] <= compute_furniture_edge_x_m(episodes.scene.posture) + 1e-9).all()
     forward_w = transforms.rotate(q_w, [1.0, 0.0, 0.0])
     assert (to_person * forward_w[:, 0] >= np.cos(np.radians(30.0)) - 1e-9).all()
     assert len(np.unique(pos_w.round(6), axis=0)) > 32

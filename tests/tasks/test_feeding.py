@@ -13,7 +13,7 @@ from avrgym.robots.jaco.robot import JACO
 from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.feeding.reward import FeedingState
-from avrgym.tasks.feeding.task import SPOON_START_Q_W
+from avrgym.tasks.feeding.task import INITIAL_SPOON_QUAT_W
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.tasks.task import StepResult
 from helpers.simulation.worlds import resting_state
@@ -37,22 +37,22 @@ def state(food: dict[int, np.ndarray] | None = None, **changes: np.ndarray) -> S
     for index, place in (food or {}).items():
         pieces[index] = place
     given = {
-        "robot_pos_w": np.array([[-0.35, -0.3, 0.36]]),
+        "robot_torso_pos_w": np.array([[-0.35, -0.3, 0.36]]),
         "tool_pos_w": SPOON[None],
         "head_pos_w": np.array([[0.0, 0.03, 1.25]]),
         "mouth_pos_w": MOUTH[None],
-        "placed_pos_w": {BOWL_BODY: BOWL[None]},
+        "furniture_pos_w": {BOWL_BODY: BOWL[None]},
         "particle_pos_w": pieces[None],
         "particle_velocity_w": np.zeros((1, 8, 3)),
-        "person_segment_w": np.array([[[[-0.1, 0.0, 1.0], [0.1, 0.0, 1.0]]]]),
+        "person_capsule_ends_w": np.array([[[[-0.1, 0.0, 1.0], [0.1, 0.0, 1.0]]]]),
         "person_radius_m": np.array([[0.1]]),
     }
     return resting_state(**given | changes)
 
 
 def fresh(count: int = 1) -> FeedingState:
-    return FEEDING.init_state(
-        distributions.repeat_person(Person(), count), np.zeros((count, FEEDING.num_uniforms))
+    return FEEDING.make_initial_task_state(
+        distributions.repeat_person(Person(), count), np.zeros((count, FEEDING.num_random_numbers))
     )
 
 
@@ -61,7 +61,7 @@ def evaluated(seen: State, task_state: FeedingState | None = None, action: np.nd
 
 
 def term(result: StepResult, name: str) -> float:
-    return float(result.terms[name][0])
+    return float(result.reward_terms[name][0])
 
 
 def counts(result: StepResult) -> tuple[float, float, float]:
@@ -80,11 +80,11 @@ def test_food_in_the_mouth_counts_once_and_leaves_the_task():
     seen = state({3: MOUTH + 0.019 * UP})
     result = evaluated(seen)
     assert counts(result) == (1, 0, 0)
-    assert result.events[0] == 1
-    assert_array_equal(np.nonzero(result.gone[0])[0], [3])
+    assert result.num_events[0] == 1
+    assert_array_equal(np.nonzero(result.removed_particles_mask[0])[0], [3])
     again = evaluated(seen, result.task_state)
     assert counts(again) == (0, 0, 0)
-    assert not again.gone.any()
+    assert not again.removed_particles_mask.any()
 
 
 def test_the_mouth_is_two_centimetres_wide():
@@ -96,9 +96,9 @@ def test_the_mouth_is_two_centimetres_wide():
 def test_dropped_food_counts_once(place):
     result = evaluated(state({5: place}))
     assert counts(result) == (0, 1, 0)
-    assert result.events[0] == 0
+    assert result.num_events[0] == 0
     assert counts(evaluated(state({5: place}), result.task_state)) == (0, 0, 0)
-    assert result.gone.sum() == (place[2] < 0.03)
+    assert result.removed_particles_mask.sum() == (place[2] < 0.03)
 
 
 def test_food_in_the_air_above_table_and_bowl_is_not_dropped():
@@ -126,7 +126,7 @@ def test_food_that_touches_the_person_counts_once():
 
 
 def test_food_in_the_mouth_is_not_on_the_person():
-    face = replace(state({0: MOUTH}), person_segment_w=np.tile(MOUTH, (1, 1, 2, 1)))
+    face = replace(state({0: MOUTH}), person_capsule_ends_w=np.tile(MOUTH, (1, 1, 2, 1)))
     assert counts(evaluated(face)) == (1, 0, 0)
 
 
@@ -181,7 +181,7 @@ def test_the_tool_presses_strongly_from_ten_newtons_in_all(newtons, strong, plac
 
 
 def test_the_weights_are_those_of_the_paper():
-    assert FEEDING.weights == {
+    assert FEEDING.reward_weights == {
         "distance_m": -1.0,
         "action_squared": -0.01,
         "food_in_mouth": 20.0,
@@ -206,8 +206,8 @@ def test_the_reward_is_the_weighted_sum():
     result = evaluated(seen, action=np.full((1, 7), 0.5))
     distance, entry = np.linalg.norm(SPOON - MOUTH), 2 * np.linalg.norm([0.1] * 3)
     expected = -distance - 0.01 * 7 * 0.25 + 2 * 20 - 5 - 0.25 * 0.2 - 0.05 * 13 - 0.01 * 7 - 1 - entry
-    assert FEEDING.reward(result.terms)[0] == pytest.approx(expected)
-    assert set(result.terms) == set(FEEDING.weights)
+    assert FEEDING.compute_reward(result.reward_terms)[0] == pytest.approx(expected)
+    assert set(result.reward_terms) == set(FEEDING.reward_weights)
 
 
 def test_worlds_are_evaluated_independently():
@@ -218,13 +218,13 @@ def test_worlds_are_evaluated_independently():
         particle_velocity_w=np.zeros((3, 8, 3)),
         tool_pos_w=np.tile(SPOON, (3, 1)),
         mouth_pos_w=np.tile(MOUTH, (3, 1)),
-        placed_pos_w={BOWL_BODY: np.tile(BOWL, (3, 1))},
-        person_segment_w=np.tile(worlds[0].person_segment_w, (3, 1, 1, 1)),
+        furniture_pos_w={BOWL_BODY: np.tile(BOWL, (3, 1))},
+        person_capsule_ends_w=np.tile(worlds[0].person_capsule_ends_w, (3, 1, 1, 1)),
         person_radius_m=np.full((3, 1), 0.1),
     )
     result = FEEDING.evaluate_step(stacked, np.zeros((3, 7)), fresh(3))
-    assert_array_equal(result.terms["food_in_mouth"], [1, 0, 0])
-    assert_array_equal(result.terms["food_dropped"], [0, 1, 0])
+    assert_array_equal(result.reward_terms["food_in_mouth"], [1, 0, 0])
+    assert_array_equal(result.reward_terms["food_dropped"], [0, 1, 0])
 
 
 # Observation
@@ -237,13 +237,16 @@ def test_the_observation_has_the_documented_order():
         transforms.normalize([[4.0, 3.0, 2.0, 1.0]]),
     )
     seen = state(
-        joint_positions=np.arange(7.0)[None], tool_q_w=tool_q, head_q_w=head_q, tool_force_n=np.array([9.0])
+        joint_positions=np.arange(7.0)[None],
+        tool_quat_w=tool_q,
+        head_quat_w=head_q,
+        tool_force_n=np.array([9.0]),
     )
-    base = seen.robot_pos_w[0]
+    base = seen.robot_torso_pos_w[0]
     expected = np.concatenate(
         [SPOON - base, tool_q[0], SPOON - MOUTH, np.arange(7.0), seen.head_pos_w[0] - base, head_q[0], [9.0]]
     )
-    observation = FEEDING.observation(FEEDING.scene(JACO))
+    observation = FEEDING.make_observation_spec(FEEDING.make_scene(JACO))
     assert_allclose(observation.compute(seen, fresh()), expected[None])
     assert observation.size == len(expected) == 25
     assert [entry.size for entry in observation.entries] == [3, 4, 3, 7, 3, 4, 1]
@@ -255,22 +258,22 @@ def test_the_observation_has_the_documented_order():
 def test_episodes_begin_above_the_bowl_with_a_level_spoon():
     episodes = Episodes("avrgym/FeedingJaco-v1", 64, people="revised", num_threads=1)
     episodes.reset(np.arange(64), [np.random.default_rng(i) for i in range(64)])
-    seen = episodes.simulation.state()
-    bowl = seen.placed_pos_w[BOWL_BODY] - [-0.15, -0.55, 0.75]
+    seen = episodes.simulation.get_state()
+    bowl = seen.furniture_pos_w[BOWL_BODY] - [-0.15, -0.55, 0.75]
     assert np.abs(bowl).max() <= 0.05
     assert np.abs(bowl).max(axis=0).min() > 0.04
-    hand = seen.tool_pos_w + transforms.rotate(seen.tool_q_w, episodes.scene.tool.grip_pos)
-    from_bowl = hand - seen.placed_pos_w[BOWL_BODY] - [0.0, -0.1, 0.4]
+    hand = seen.tool_pos_w + transforms.rotate(seen.tool_quat_w, episodes.scene.tool.grip_pos)
+    from_bowl = hand - seen.furniture_pos_w[BOWL_BODY] - [0.0, -0.1, 0.4]
     assert np.abs(from_bowl).max() <= 0.05 + 0.01
-    assert_allclose(transforms.angle_between(seen.tool_q_w, SPOON_START_Q_W), 0.0, atol=0.05)
-    assert_allclose(transforms.rotate(SPOON_START_Q_W, [1.0, 0.0, 0.0]), [0.0, 1.0, 0.0], atol=1e-12)
+    assert_allclose(transforms.angle_between(seen.tool_quat_w, INITIAL_SPOON_QUAT_W), 0.0, atol=0.05)
+    assert_allclose(transforms.rotate(INITIAL_SPOON_QUAT_W, [1.0, 0.0, 0.0]), [0.0, 1.0, 0.0], atol=1e-12)
 
 
 def test_a_start_says_where_the_bowl_is(rng, feeding_scene):
-    uniforms = rng.random((3, FEEDING.num_uniforms))
-    start = FEEDING.start(feeding_scene, distributions.repeat_person(Person(), 3), uniforms)
+    uniforms = rng.random((3, FEEDING.num_random_numbers))
+    start = FEEDING.sample_initial_states(feeding_scene, distributions.repeat_person(Person(), 3), uniforms)
     assert_allclose(
-        start.placed_pos_w[BOWL_BODY], np.array([-0.15, -0.55, 0.75]) + 0.1 * (uniforms[:, :3] - 0.5)
+        start.furniture_pos_w[BOWL_BODY], np.array([-0.15, -0.55, 0.75]) + 0.1 * (uniforms[:, :3] - 0.5)
     )
 
 

@@ -4,7 +4,11 @@ from numpy.testing import assert_allclose
 
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.filtered import FILTERED_POSITION_FIELDS, FILTERED_ROTATION_FIELDS, filter_tremor
+from avrgym.tasks.experts.filtered_expert import (
+    FILTERED_POSITION_FIELDS,
+    FILTERED_ROTATION_FIELDS,
+    filter_tremor,
+)
 
 
 class Recorder:
@@ -14,7 +18,7 @@ class Recorder:
         self.episodes, self.seen = episodes, []
 
     def __call__(self, observation):
-        self.seen.append(self.episodes.state())
+        self.seen.append(self.episodes.get_state())
         return np.zeros((self.episodes.simulation.num_worlds, len(self.episodes.scene.arm.joints)))
 
 
@@ -30,7 +34,7 @@ def watched(impairment: str, steps: int):
 
     controller, there = filter_tremor(expert)(episodes), []
     for _ in range(steps):
-        there.append(episodes.state())
+        there.append(episodes.get_state())
         episodes.step(controller(episodes.observe()))
     return recorders[0].seen, there
 

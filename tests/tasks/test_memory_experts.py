@@ -17,8 +17,8 @@ from avrgym.tasks.drinking.memory_expert import (
 from avrgym.tasks.drinking.reward import is_in_cup
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.experts.feedback import FeedbackPlanner
-from avrgym.tasks.experts.filtered import filter_tremor
-from avrgym.tasks.experts.head_clearance import direction_into_face
+from avrgym.tasks.experts.filtered_expert import filter_tremor
+from avrgym.tasks.experts.head_clearance import compute_direction_into_face_w
 
 YES, NO = np.array([True]), np.array([False])
 
@@ -31,7 +31,7 @@ def reset_episodes(robot: str, people: str, count: int) -> Episodes:
 
 @pytest.fixture(scope="module")
 def state() -> State:
-    return reset_episodes("Jaco", "revised", 24).state()
+    return reset_episodes("Jaco", "revised", 24).get_state()
 
 
 POURS_RAD = 1.4
@@ -98,11 +98,11 @@ def test_a_cup_stays_on_its_side_of_the_face_where_that_is_near_the_lips(state):
 def test_a_cup_beside_the_lips_is_turned_so_that_it_pours_there(state):
     """To a tenth of a millimetre: its distance from the head is that of 24 points of its rim, which turn with it."""
     tilt = np.full(24, 1.4)
-    left = -transforms.cross(expert.UP, direction_into_face(state))
+    left = -transforms.cross(expert.UP, compute_direction_into_face_w(state))
 
     def brought(left_m: float) -> tuple[np.ndarray, np.ndarray]:
         way = memory_expert._way(np.full(24, left_m))
-        pos_w, q_w = expert.cup_pose_at_mouth(state, way, tilt)
+        pos_w, q_w = expert.compute_cup_pose_at_mouth(state, way, tilt)
         return pos_w, expert._edge_w(pos_w, q_w, way)
 
     straight_w, pours_at_w = brought(0.0)
@@ -117,10 +117,10 @@ def test_a_cup_beside_the_lips_is_turned_so_that_it_pours_there(state):
 def test_a_turned_cup_comes_to_everybody(robot):
     """The Jaco cannot bring it straight to all of them."""
     episodes = reset_episodes(robot, "zoo/train", 24)
-    planner, state, tilt = FeedbackPlanner(episodes), episodes.state(), np.full(24, np.radians(88.0))
+    planner, state, tilt = FeedbackPlanner(episodes), episodes.get_state(), np.full(24, np.radians(88.0))
 
     def reached(left_m: float) -> np.ndarray:
-        pos_w, q_w = expert.cup_pose_at_mouth(state, memory_expert._way(np.full(24, left_m)), tilt)
+        pos_w, q_w = expert.compute_cup_pose_at_mouth(state, memory_expert._way(np.full(24, left_m)), tilt)
         _, cost_s = planner.find_joint_positions(pos_w[:, None], q_w[:, None])
         return np.isfinite(cost_s)
 
@@ -136,7 +136,7 @@ def test_a_face_turned_aside_from_the_start_is_not_waited_for(monkeypatch):
         DrinkingMemoryExpert, "_bring", lambda self, *seen: away.append(seen[2]) or bring(self, *seen)
     )
     controller = DrinkingMemoryExpert(episodes)
-    assert (np.abs(memory_expert._turn_rad(episodes.state())) > memory_expert.LOOK_AWAY_ANGLE_RAD).any()
+    assert (np.abs(memory_expert._turn_rad(episodes.get_state())) > memory_expert.LOOK_AWAY_ANGLE_RAD).any()
     for _ in range(10):
         episodes.step(controller(episodes.observe()))
     assert not np.any(away)
@@ -148,12 +148,12 @@ def test_water_leaves_a_cup_at_the_tilt_at_which_it_is_expected():
     episodes = reset_episodes("Jaco", "original", 4)
     controller, differences_rad = DrinkingMemoryExpert(episodes), []
     for _ in range(EPISODE_STEPS):
-        before = is_in_cup(episodes.state()).sum(axis=1)
+        before = is_in_cup(episodes.get_state()).sum(axis=1)
         episodes.step(controller(episodes.observe()))
-        state = episodes.state()
+        state = episodes.get_state()
         left = (is_in_cup(state).sum(axis=1) < before) & (before > 5)
         expected = memory_expert.POUR_TILT_RAD - memory_expert.TILT_PER_PARTICLE_RAD * before
-        differences_rad.extend((expert.clipped_cup_tilt_rad(state.tool_q_w) - expected)[left])
+        differences_rad.extend((expert.compute_clipped_cup_tilt_rad(state.tool_quat_w) - expected)[left])
     assert len(differences_rad) > 40
     assert np.abs(differences_rad).max() < np.radians(3.0)
 

@@ -6,12 +6,12 @@ from numpy.testing import assert_array_equal
 
 from avrgym.safety.limits import QUASI_STATIC_LIMIT_N
 from avrgym.safety.region_forces import RegionLoadRecorder
-from avrgym.tasks.experts.filtered import filter_tremor
+from avrgym.tasks.experts.filtered_expert import filter_tremor
 from avrgym.tasks.feeding.memory_expert import (
     MAX_RESTING_MOUTH_SPEED_M_S,
     MAX_STANDOFF_M,
     FeedingMemoryExpert,
-    standoff_from_mouth_m,
+    compute_standoff_from_mouth_m,
 )
 from avrgym.tasks.task import Expert
 from helpers.learning.experts import assert_matches_feedback_expert
@@ -23,7 +23,7 @@ FEEDING = "avrgym/FeedingPR2-v1"
 
 def test_the_standoff_grows_with_the_mouth_speed():
     speeds = np.linspace(0.0, 0.5, 101)
-    off = standoff_from_mouth_m(speeds)
+    off = compute_standoff_from_mouth_m(speeds)
     assert (np.diff(off) >= 0.0).all()
     assert not off[speeds <= MAX_RESTING_MOUTH_SPEED_M_S].any()
     assert_array_equal(off[speeds >= 2.0 * MAX_RESTING_MOUTH_SPEED_M_S + 1e-9], MAX_STANDOFF_M)
@@ -41,7 +41,7 @@ def fed(expert: Expert) -> tuple[float, float]:
     for _ in range(100):
         step = episodes.step(np.clip(feeds(episodes.observe()), -1.0, 1.0), watch)
         force_n += float(step.force_on_person_n.mean()) / 100
-    largest = (watch.loads().peak_n / QUASI_STATIC_LIMIT_N).max(axis=-1)
+    largest = (watch.compute_loads().peak_force_n / QUASI_STATIC_LIMIT_N).max(axis=-1)
     assert step.success.all()
     return float(np.median(largest)), force_n
 

@@ -4,11 +4,11 @@ import pytest
 from avrgym.geometry.transforms import norm
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.filtered import filter_tremor
-from avrgym.tasks.scratch_itch.expert import skin_directions_w
-from avrgym.tasks.scratch_itch.feedback_expert import front_approach_share
+from avrgym.tasks.experts.filtered_expert import filter_tremor
+from avrgym.tasks.scratch_itch.expert import compute_skin_directions_w
+from avrgym.tasks.scratch_itch.feedback_expert import compute_front_approach_weight
 from avrgym.tasks.scratch_itch.memory_expert import SWING_BY_ROBOT, SwingToFrontExpert, make_memory_expert
-from avrgym.tasks.scratch_itch.reward import itch_limb_frame
+from avrgym.tasks.scratch_itch.reward import compute_itch_limb_frame
 from helpers.learning.experts import assert_matches_feedback_expert
 from helpers.simulation.itches import forearm_itch
 
@@ -37,11 +37,11 @@ def test_an_arm_swings_in_front_once_before_it_comes_to_the_inner_side(robot):
     episodes = reset_episodes(robot, INNER_RAD)
     patient, reactive = make_memory_expert(episodes), episodes.task.feedback_expert(episodes)
     assert isinstance(patient, SwingToFrontExpert)
-    out_w, _ = skin_directions_w(
-        episodes.task_state, itch_limb_frame(episodes.state(), episodes.task_state)[1]
+    out_w, _ = compute_skin_directions_w(
+        episodes.task_state, compute_itch_limb_frame(episodes.get_state(), episodes.task_state)[1]
     )
     assert np.all(
-        front_approach_share(
+        compute_front_approach_weight(
             out_w, SWING_BY_ROBOT[robot].inward_range, SWING_BY_ROBOT[robot].not_downward_range
         )
         == 1.0

@@ -18,20 +18,20 @@ from avrgym.robots import registry as robots
 from avrgym.robots.jaco.robot import JACO
 from avrgym.study.checking.preflight import check_initial_states as check_study_starts
 from avrgym.study.people.participants import enrol_participant
-from avrgym.study.sessions.simulation import (
+from avrgym.study.sessions.dry_run import (
     find_or_enrol_participant,
     make_dry_run_settings,
     simulate_participant,
 )
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from avrgym.tasks import episodes, placement_check, registry, task_check
-from avrgym.tasks.constants import environment_id
+from avrgym.tasks.constants import make_environment_id
 from avrgym.tasks.placement_check import (
-    MAX_MEAN_DRAWS,
-    check_starts,
+    MAX_MEAN_SAMPLES,
+    check_initial_states,
+    count_samples_by_body,
     is_collision_free,
-    start_draws_by_body,
 )
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.simulation.placements import offset_mount
@@ -53,9 +53,9 @@ FEW_DRAWS = 5
 @pytest.fixture(autouse=True)
 def afresh():
     """Starts are drawn in each test."""
-    start_draws_by_body.cache_clear()
+    count_samples_by_body.cache_clear()
     yield
-    start_draws_by_body.cache_clear()
+    count_samples_by_body.cache_clear()
 
 
 @pytest.fixture
@@ -77,12 +77,12 @@ def folder(tmp_path: Path) -> Path:
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_packaged_robots_pass_the_placement_check(environment: str) -> None:
-    drawn = check_starts(environment)
+    drawn = check_initial_states(environment)
     print(
-        f"{environment}: {drawn.mean_draws:.2f} draws a start with random people, {drawn.max_draws} at most"
+        f"{environment}: {drawn.mean_samples:.2f} draws a start with random people, {drawn.max_samples} at most"
     )
-    assert drawn.mean_draws <= 1.25
-    assert all(each.max_draws == 1 for _, each in start_draws_by_body(environment))
+    assert drawn.mean_samples <= 1.25
+    assert all(each.max_samples == 1 for _, each in count_samples_by_body(environment))
 
 
 @pytest.mark.slow
@@ -90,17 +90,17 @@ def test_packaged_robots_pass_the_placement_check(environment: str) -> None:
 def test_example_robots_pass_the_placement_check(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(robots._robots, robot.name, robot)
     for task in ("Feeding", "Drinking", "ScratchItch", "BedBathing"):
-        environment = environment_id(task, robot.name)
+        environment = make_environment_id(task, robot.name)
         monkeypatch.setitem(registry._REGISTRY.environments, environment, (task, robot.name))
     drawn = placement_check.check_placement(robot.name)
     assert len(drawn) == 4
-    print({environment: (each.mean_draws, each.max_draws) for environment, each in drawn.items()})
+    print({environment: (each.mean_samples, each.max_samples) for environment, each in drawn.items()})
 
 
 def test_a_robot_in_the_table_fails_its_check_and_that_of_the_task(
     crowded: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = rf"FeedingJaco-v1: an initial state is sampled \d\.\d times .* allowed: {MAX_MEAN_DRAWS:g}"
+    words = rf"FeedingJaco-v1: an initial state is sampled \d\.\d times .* allowed: {MAX_MEAN_SAMPLES:g}"
     with pytest.raises(ValueError, match=words):
         placement_check.check_placement("Jaco")
     monkeypatch.setattr(task_check, "ENVIRONMENTS", {ENVIRONMENT: ("Feeding", "Jaco")})
@@ -112,7 +112,7 @@ def test_a_body_without_an_initial_state_is_named(refused: None) -> None:
     with pytest.raises(
         ValueError, match=rf"none of {FEW_DRAWS} initial states .* the robot's link \d .* inside the table"
     ):
-        check_starts(ENVIRONMENT)
+        check_initial_states(ENVIRONMENT)
 
 
 def test_evaluation_reports_draws_and_warns_above_the_limit(crowded: None, tmp_path: Path) -> None:
@@ -120,7 +120,7 @@ def test_evaluation_reports_draws_and_warns_above_the_limit(crowded: None, tmp_p
     asked = ["evaluate", ENVIRONMENT, "--policy", "zero", *brief]
     ran = CliRunner().invoke(app, [*asked, "--json", str(tmp_path / "rows.json")])
     (row,) = json.loads((tmp_path / "rows.json").read_text())
-    assert MAX_MEAN_DRAWS < row["start_draws_mean"] <= row["start_draws_max"]
+    assert MAX_MEAN_SAMPLES < row["start_draws_mean"] <= row["start_draws_max"]
     assert row["starts_refused"] == round(8 * (row["start_draws_mean"] - 1.0))
     assert f"an initial state is sampled {row['start_draws_mean']:.1f} times on average" in ran.stderr
     assert f"{row['starts_refused']} people were omitted" in ran.stderr
@@ -132,7 +132,7 @@ def test_evaluation_of_a_robot_with_room_counts_one_draw_a_start() -> None:
 
 
 def test_a_study_is_checked_for_each_body_before_anybody_takes_part(refused: None, folder: Path) -> None:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         found = list(check_study_starts(store))
     assert [(each.where, each.is_error) for each in found] == [(ENVIRONMENT, True)] * 4
     bodies = [f"a {sex} with a torso of {height}" for sex in ("man", "woman") for height in ("0.40", "0.75")]
@@ -143,7 +143,7 @@ def test_a_study_is_checked_for_each_body_before_anybody_takes_part(refused: Non
 
 
 def test_a_study_check_reports_often_rejected_bodies(crowded: None, folder: Path) -> None:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         found = list(check_study_starts(store))
     assert found
     assert not any(each.is_error for each in found)
@@ -154,14 +154,14 @@ def test_a_task_whose_starts_cannot_be_drawn_is_wrong(folder: Path, monkeypatch:
     def broken(*_: object) -> None:
         raise KeyError("elbow")
 
-    monkeypatch.setattr("avrgym.study.checking.preflight.start_draws_by_body", broken)
-    with Store(folder) as store:
+    monkeypatch.setattr("avrgym.study.checking.preflight.count_samples_by_body", broken)
+    with StudyStore(folder) as store:
         (found,) = check_study_starts(store)
     assert (found.is_error, found.message) == (True, "no initial state can be sampled: KeyError: 'elbow'")
 
 
 def test_a_study_of_ours_has_room(folder: Path) -> None:
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         assert list(check_study_starts(store)) == []
 
 
@@ -169,12 +169,10 @@ def test_a_dry_run_without_room_names_environment_body_and_what_is_in_the_way(
     refused: None, folder: Path
 ) -> None:
     cast = make_dry_run_settings(0, "participants", "none")
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         pseudonym = find_or_enrol_participant(store, 0, cast)
         assert enrol_participant(store, "woman") != pseudonym
-    words = (
-        rf"{pseudonym} ses-01 cannot start: {ENVIRONMENT}: none of .* inside the table; `avrgym study check`"
-    )
+    words = rf"{pseudonym} ses-01 cannot start: {ENVIRONMENT}: none of .* inside the table; .*`avrgym study check`"
     with pytest.raises(StudyError, match=words):
         simulate_participant(folder, pseudonym, cast)
 

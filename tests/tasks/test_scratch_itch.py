@@ -10,7 +10,7 @@ from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.human import People, Person
-from avrgym.models.scene import robot_with_tool
+from avrgym.models.scene import build_robot_with_tool_spec
 from avrgym.models.scratcher import FINGERTIPS_TO_TIP_DISTANCE_M, SCRATCHER
 from avrgym.people import distributions
 from avrgym.robots.jaco.robot import JACO
@@ -41,10 +41,10 @@ def state(touch: dict[tuple[float, float, float], float] | None = None, **change
         pos[0, slot], force[0, slot] = ITCH_W + place, newtons
     identity = transforms.IDENTITY_QUATERNION
     given = {
-        "robot_pos_w": np.array([[-0.35, -0.3, 0.36]]),
+        "robot_torso_pos_w": np.array([[-0.35, -0.3, 0.36]]),
         "tool_pos_w": ITCH_W[None] - 0.3 * LEFT,
         "right_arm_pos_w": np.array([[SHOULDER, ELBOW, WRIST]]),
-        "right_arm_q_w": np.array([[identity, TURNED, TURNED]]),
+        "right_arm_quat_w": np.array([[identity, TURNED, TURNED]]),
         "tool_force_n": force.sum(axis=-1),
         "total_force_n": force.sum(axis=-1),
         "tool_contact_pos_w": pos,
@@ -66,7 +66,7 @@ def evaluated(
 
 
 def term(result: StepResult, name: str) -> float:
-    return float(result.terms[name][0])
+    return float(result.reward_terms[name][0])
 
 
 def scratches(result: StepResult) -> int:
@@ -90,7 +90,7 @@ def test_no_touch_is_no_scratch():
 def test_a_scratch_is_new_where_the_touch_has_moved_by_a_centimetre(moved_m, counted):
     """The forearm's axis is the world's y."""
     result = evaluated(state({(0.0, moved_m, 0.0): 3.0}), itching(scratches=7))
-    assert scratches(result) - 7 == result.events[0] == counted
+    assert scratches(result) - 7 == result.num_events[0] == counted
     assert term(result, "scratch_force_n") == 3.0 * counted
     assert term(result, "force_at_itch_n") == 3.0
 
@@ -155,7 +155,7 @@ def test_force_at_the_itch_is_strong_from_ten_newtons(newtons, strong):
 
 
 def test_the_weights_are_those_of_the_paper():
-    assert SCRATCHING.weights == {
+    assert SCRATCHING.reward_weights == {
         "distance_m": -1.0,
         "action_squared": -0.01,
         "force_at_itch_n": 0.01,
@@ -172,8 +172,8 @@ def test_the_reward_is_the_weighted_sum():
     )
     result = evaluated(seen, action=np.full((1, 7), 0.5))
     expected = -0.3 - 0.01 * 7 * 0.25 + 0.01 * 4 + 2 * 4 - 0.25 * 0.5 - 0.01 * 2
-    assert SCRATCHING.reward(result.terms)[0] == pytest.approx(expected)
-    assert set(result.terms) == set(SCRATCHING.weights)
+    assert SCRATCHING.compute_reward(result.reward_terms)[0] == pytest.approx(expected)
+    assert set(result.reward_terms) == set(SCRATCHING.reward_weights)
 
 
 # Observation
@@ -181,22 +181,22 @@ def test_the_reward_is_the_weighted_sum():
 
 def test_the_observation_has_the_documented_order():
     tool_q = transforms.normalize([[1.0, 2.0, 3.0, 4.0]])
-    seen = state(joint_positions=np.arange(7.0)[None], tool_q_w=tool_q, tool_force_n=np.array([9.0]))
-    torso, tool = seen.robot_pos_w[0], seen.tool_pos_w[0]
+    seen = state(joint_positions=np.arange(7.0)[None], tool_quat_w=tool_q, tool_force_n=np.array([9.0]))
+    torso, tool = seen.robot_torso_pos_w[0], seen.tool_pos_w[0]
     joints = [place - torso for place in (SHOULDER, ELBOW, WRIST)]
     expected = np.concatenate(
         [tool - torso, tool_q[0], tool - ITCH_W, ITCH_W - torso, np.arange(7.0), *joints, [9.0]]
     )
-    observation = SCRATCHING.observation(SCRATCHING.scene(JACO))
+    observation = SCRATCHING.make_observation_spec(SCRATCHING.make_scene(JACO))
     assert_allclose(observation.compute(seen, itching()), expected[None], atol=1e-12)
     assert observation.size == len(expected) == 30
     assert [entry.size for entry in observation.entries] == [3, 4, 3, 3, 7, 3, 3, 3, 1]
 
 
 def test_the_itch_is_marked_where_it_is_above_skin_and_sleeve():
-    assert SCRATCHING.marks is not None
+    assert SCRATCHING.markers is not None
     above = ITCH_W + np.array([-0.008, 0.0, 0.0])
-    assert_allclose(SCRATCHING.marks.places(state(), itching()), above[None, None], atol=1e-12)
+    assert_allclose(SCRATCHING.markers.compute_positions_w(state(), itching()), above[None, None], atol=1e-12)
 
 
 # The itch
@@ -204,9 +204,9 @@ def test_the_itch_is_marked_where_it_is_above_skin_and_sleeve():
 
 @pytest.fixture(scope="module")
 def itches() -> tuple[People, ScratchItchState]:
-    uniforms = np.random.default_rng(5).random((4000, SCRATCHING.num_uniforms))
+    uniforms = np.random.default_rng(5).random((4000, SCRATCHING.num_random_numbers))
     who = distributions.repeat_person(Person("man", 0.70), 4000)
-    return who, SCRATCHING.init_state(who, uniforms)
+    return who, SCRATCHING.make_initial_task_state(who, uniforms)
 
 
 @pytest.mark.parametrize("limb", range(len(RIGHT_ARM_LIMBS)))
@@ -215,7 +215,7 @@ def test_it_itches_on_the_skin_of_either_limb(itches, limb):
     who, task_state = itches
     spots = task_state.itch[task_state.limb == limb]
     assert len(spots) == pytest.approx(2000, abs=150)
-    radius, half_length, _ = human.body_layout(who.is_woman, who.torso_height_m).geom_size[
+    radius, half_length, _ = human.compute_body_layout(who.is_woman, who.torso_height_m).geom_size[
         RIGHT_ARM_LIMBS[limb]
     ][0]
     assert_allclose(np.hypot(spots[:, 0], spots[:, 1]), radius)
@@ -240,16 +240,16 @@ def episodes(request) -> Episodes:
 
 
 def test_episodes_begin_with_the_hand_beside_the_arm(episodes):
-    seen = episodes.simulation.state()
-    hand = seen.tool_pos_w + transforms.rotate(seen.tool_q_w, episodes.scene.tool.grip_pos)
-    x = -0.55 if episodes.scene.mount.on_floor else -0.5
+    seen = episodes.simulation.get_state()
+    hand = seen.tool_pos_w + transforms.rotate(seen.tool_quat_w, episodes.scene.tool.grip_pos)
+    x = -0.55 if episodes.scene.mount.is_on_floor else -0.5
     assert np.abs(hand - [x, 0.0, 0.8]).max() < 0.05 + 0.035
     assert_array_equal(seen.robot_force_n, 0.0)
 
 
 def test_people_spread_their_right_arm(episodes):
     who = episodes.people
-    from_pose = np.degrees(who.joint_angles_rad - human.seated_joint_angles(right_shoulder_y=30.0))
+    from_pose = np.degrees(who.joint_angles_rad - human.make_seated_joint_angles(right_shoulder_y=30.0))
     arm = np.array([name.startswith("right_") for name in human.JOINTS])
     assert 5.0 < np.abs(from_pose[:, arm]).max() < 10.0
     assert_array_equal(from_pose[:, ~arm & ~distributions.WAIST_JOINT_MASK], 0.0)
@@ -261,8 +261,8 @@ def test_people_spread_their_right_arm(episodes):
 @pytest.mark.fast_cases(3)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_tip_is_five_centimetres_past_the_fingers(name):
-    scene = SCRATCHING.scene(ROBOTS[name])
-    model = robot_with_tool(scene, appearance=True).compile()
+    scene = SCRATCHING.make_scene(ROBOTS[name])
+    model = build_robot_with_tool_spec(scene, appearance=True).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     tool = data.body("tool")

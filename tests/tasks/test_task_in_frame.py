@@ -9,18 +9,18 @@ from avrgym.geometry import kinematics, transforms
 from avrgym.learning.evaluation import evaluate
 from avrgym.models import human
 from avrgym.models.human import BODIES
-from avrgym.models.task_frame import X_AXIS_INDEX, TaskFrame, opposite_side_name
+from avrgym.models.task_frame import X_AXIS_INDEX, TaskFrame, exchange_side_in_name
 from avrgym.people.distributions import repeat_person
 from avrgym.system import random_streams
 from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import ENVIRONMENTS, TASKS, task_and_scene
-from avrgym.tasks.settings import Settings, settings_from_values
-from avrgym.tasks.task_in_frame import state_in_frame
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_task_and_scene
+from avrgym.tasks.settings import Settings, make_settings
+from avrgym.tasks.task_transform import transform_state
 
 OTHER = {"left": "right", "right": "left"}
 SERVED = [each for each, (task, _) in ENVIRONMENTS.items() if TASKS[task].served_arm is not None]
-MIRROR = TaskFrame(mirrored=True)
+MIRROR = TaskFrame(is_mirrored=True)
 
 
 def on_other_arm(environment: str) -> Settings:
@@ -30,7 +30,7 @@ def on_other_arm(environment: str) -> Settings:
 
 def begun(environment: str, settings: Settings, worlds: int = 2) -> Episodes:
     episodes = Episodes(environment, worlds, people="revised", num_threads=1, settings=settings)
-    episodes.reset(np.arange(worlds), [random_streams.episode_generator(world) for world in range(worlds)])
+    episodes.reset(np.arange(worlds), [random_streams.make_episode_rng(world) for world in range(worlds)])
     return episodes
 
 
@@ -38,21 +38,21 @@ def test_a_mirrored_person_has_mirrored_bodies() -> None:
     angles = np.random.default_rng(0).uniform(0.5 * human.LOWER_LIMITS_RAD, 0.5 * human.UPPER_LIMITS_RAD)
     people = repeat_person(human.Person(joint_angles_rad=angles), 1)
     mirrored = MIRROR.transform_people(people)
-    pos_w, q_w = human.body_frames(people)
-    other_pos_w, other_q_w = human.body_frames(mirrored)
+    pos_w, q_w = human.compute_body_frames(people)
+    other_pos_w, other_q_w = human.compute_body_frames(mirrored)
     for body in BODIES:
         np.testing.assert_allclose(
-            other_pos_w[opposite_side_name(body)], MIRROR.transform_points(pos_w[body]), atol=1e-12
+            other_pos_w[exchange_side_in_name(body)], MIRROR.transform_points(pos_w[body]), atol=1e-12
         )
         there = MIRROR.transform_rotations(q_w[body], X_AXIS_INDEX)
-        assert transforms.angle_between(other_q_w[opposite_side_name(body)], there).max() < 1e-6
+        assert transforms.angle_between(other_q_w[exchange_side_in_name(body)], there).max() < 1e-6
     np.testing.assert_array_equal(MIRROR.transform_people(mirrored).joint_angles_rad, angles[None])
 
 
 @pytest.mark.parametrize("environment", SERVED)
 def test_a_mirrored_chain_is_the_mirror_image_of_the_arm(environment: str) -> None:
-    _, scene = task_and_scene(environment, on_other_arm(environment))
-    real, mirrored = placement.arm_chain(scene), placement.arm_chain(scene.in_task_frame)
+    _, scene = find_task_and_scene(environment, on_other_arm(environment))
+    real, mirrored = placement.make_arm_chain(scene), placement.make_arm_chain(scene.scene_in_task_frame)
     positions = scene.arm.seed_pose + np.random.default_rng(0).uniform(-0.1, 0.1, (5, len(scene.arm.joints)))
     (pos, q), (other_pos, other_q) = (
         kinematics.forward_kinematics(chain, positions) for chain in (real, mirrored)
@@ -69,16 +69,16 @@ def test_the_other_arm_is_served_from_its_side(environment: str) -> None:
     usual, other = Settings(), on_other_arm(environment)
     default, mirrored = begun(environment, usual), begun(environment, other)
     assert mirrored.task.served_arm == other.served_arm
-    assert str(other.served_arm) in mirrored.task.goal
-    if (default.start_samples == mirrored.start_samples).all():
+    assert str(other.served_arm) in mirrored.task.goal_description
+    if (default.num_initial_state_samples == mirrored.num_initial_state_samples).all():
         expected = MIRROR.transform_joint_angles(default.people.joint_angles_rad)
         np.testing.assert_array_equal(mirrored.people.joint_angles_rad, expected)
-    sides = [np.sign(each.simulation.state().tool_pos_w[:, 0]) for each in (default, mirrored)]
+    sides = [np.sign(each.simulation.get_state().tool_pos_w[:, 0]) for each in (default, mirrored)]
     np.testing.assert_array_equal(sides[0], -sides[1])
-    first = default.simulation.state()
-    again = state_in_frame(state_in_frame(first, MIRROR, 1), MIRROR, 1)
-    np.testing.assert_array_equal(again.person_segment_w, first.person_segment_w)
-    np.testing.assert_array_equal(again.tool_q_w, first.tool_q_w)
+    first = default.simulation.get_state()
+    again = transform_state(transform_state(first, MIRROR, 1), MIRROR, 1)
+    np.testing.assert_array_equal(again.person_capsule_ends_w, first.person_capsule_ends_w)
+    np.testing.assert_array_equal(again.tool_quat_w, first.tool_quat_w)
 
 
 @pytest.mark.fast_cases(2)
@@ -95,15 +95,15 @@ def test_the_person_rises_with_the_furniture(
     environment: str, name: str, value: float, rise_m: float
 ) -> None:
     """Only the person and the things on seat or bed rise; the task sees the person at the usual height."""
-    default, raised = begun(environment, Settings()), begun(environment, settings_from_values({name: value}))
-    head_w, raised_w = (each.simulation.state().head_pos_w for each in (default, raised))
-    if (default.start_samples == raised.start_samples).all():
+    default, raised = begun(environment, Settings()), begun(environment, make_settings({name: value}))
+    head_w, raised_w = (each.simulation.get_state().head_pos_w for each in (default, raised))
+    if (default.num_initial_state_samples == raised.num_initial_state_samples).all():
         np.testing.assert_allclose(raised_w - head_w, [[0.0, 0.0, rise_m]] * 2, atol=1e-9)
-    frame = raised.scene.in_task_frame.task_frame
-    seen = state_in_frame(raised.simulation.state(), frame, 1)
+    frame = raised.scene.scene_in_task_frame.task_frame
+    seen = transform_state(raised.simulation.get_state(), frame, 1)
     np.testing.assert_allclose(seen.head_pos_w, raised_w - [0.0, 0.0, rise_m], atol=1e-9)
-    on_seat = not default.scene.mount.on_floor and default.scene.posture.seated
-    base_m = [each.simulation.initial_base_pose()[0][:, 2] for each in (default, raised)]
+    on_seat = not default.scene.mount.is_on_floor and default.scene.posture.is_seated
+    base_m = [each.simulation.get_initial_base_pose()[0][:, 2] for each in (default, raised)]
     np.testing.assert_allclose(base_m[1] - base_m[0], rise_m if on_seat else 0.0, atol=1e-9)
 
 
@@ -112,7 +112,7 @@ def test_the_torso_follows_the_backrest() -> None:
     posture = scene.posture
     assert posture.hips_deg + posture.thigh_deg == -90.0
     person = replace(repeat_person(human.Person(), 1), joint_angles_rad=np.zeros((1, 20)))
-    pos_w, _ = human.body_frames(person, posture)
+    pos_w, _ = human.compute_body_frames(person, posture)
     y, z = (pos_w["head"] - pos_w["hips"])[0, 1:]
     assert np.degrees(np.arctan2(z, y)) == pytest.approx(45.0)
 

@@ -12,7 +12,7 @@ from avrgym.models.robot import Robot, UnsuitableRobotError
 from avrgym.models.scene import SceneConfig
 from avrgym.robots.registry import ROBOTS
 from avrgym.tasks import constants
-from avrgym.tasks.observation import Observation, position_entry
+from avrgym.tasks.observation import ObservationSpec, make_position_entry
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, TaskRegistry
 from avrgym.tasks.task import StepResult, Task
 from avrgym.tasks.task_check import check_task
@@ -41,7 +41,7 @@ def test_every_packaged_task_is_done_by_every_robot_of_the_paper():
 @pytest.mark.parametrize(("task", "robot"), ENVIRONMENTS.values())
 def test_a_task_s_scene_with_a_robot_is_one_object(task, robot):
     """Whatever is remembered by scene would otherwise grow with every world that is made."""
-    assert TASKS[task].scene(ROBOTS[robot]) is TASKS[task].scene(ROBOTS[robot])
+    assert TASKS[task].make_scene(ROBOTS[robot]) is TASKS[task].make_scene(ROBOTS[robot])
 
 
 @pytest.mark.parametrize(
@@ -50,11 +50,11 @@ def test_a_task_s_scene_with_a_robot_is_one_object(task, robot):
         ({"name": "Feeding people"}, ValueError, "the task name is 'Feeding people'; allowed: an identifier"),
         ({"name": "Fütterung"}, ValueError, "allowed: an identifier of ASCII letters"),
         ({"name": None}, TypeError, "task None: the field `name` is None; allowed: a value of type str"),
-        ({"goal": " "}, ValueError, "task Feeding: the field `goal` is empty"),
+        ({"goal_description": " "}, ValueError, "task Feeding: the field `goal_description` is empty"),
         (
-            {"offered": "foot"},
+            {"offered_body_part": "foot"},
             ValueError,
-            "task Feeding: the field `offered` is 'foot'; allowed: 'mouth', 'arm', 'left_arm', 'nothing'",
+            "task Feeding: the field `offered_body_part` is 'foot'; allowed: 'mouth', 'arm', 'left_arm', 'nothing'",
         ),
         (
             {"expert": None},
@@ -62,12 +62,12 @@ def test_a_task_s_scene_with_a_robot_is_one_object(task, robot):
             "task Feeding: the field `expert` is None; allowed: a value of type function",
         ),
         (
-            {"views": None},
+            {"camera_views": None},
             TypeError,
-            "task Feeding: the field `views` is None; allowed: a value of type Views",
+            "task Feeding: the field `camera_views` is None; allowed: a value of type CameraViews",
         ),
-        ({"weights": {}}, ValueError, "task Feeding: the field `weights` is empty"),
-        ({"hyperparameters": {"detour_weight_per_m": 1.0}}, ValueError, "but no detour_m"),
+        ({"reward_weights": {}}, ValueError, "task Feeding: the field `reward_weights` is empty"),
+        ({"hyperparameters": {"detour_weight_per_m": 1.0}}, ValueError, "but no function compute_detour_m"),
     ],
 )
 def test_a_record_with_an_invalid_field_is_rejected(changes: Mapping[str, Any], error, said: str):
@@ -76,7 +76,8 @@ def test_a_record_with_an_invalid_field_is_rejected(changes: Mapping[str, Any], 
 
 
 @pytest.mark.parametrize(
-    "part", ["scene", "observation", "evaluate_step", "expert", "feedback_expert", "views"]
+    "part",
+    ["make_scene", "make_observation_spec", "evaluate_step", "expert", "feedback_expert", "camera_views"],
 )
 def test_a_missing_field_is_named(part):
     parts = {name: value for name, value in vars(FEEDING).items() if name != part}
@@ -85,10 +86,10 @@ def test_a_missing_field_is_named(part):
 
 
 def test_observations_have_parts_of_different_names():
-    part = position_entry("tool_m", lambda state, _: state.tool_pos_w)
+    part = make_position_entry("tool_m", lambda state, _: state.tool_pos_w)
     for entries in ((), (part, part)):
         with pytest.raises(ValueError, match="allowed: one or more entries with different names"):
-            Observation(entries)
+            ObservationSpec(entries)
 
 
 def test_terms_are_those_that_have_weights():
@@ -96,24 +97,24 @@ def test_terms_are_those_that_have_weights():
         ValueError,
         match=r"Feeding returned the reward terms distance_m; allowed: the names of its weights, distance_m,",
     ):
-        FEEDING.reward({"distance_m": np.zeros(1)})
+        FEEDING.compute_reward({"distance_m": np.zeros(1)})
 
 
 def test_a_name_is_registered_once():
     registry = TaskRegistry(ROBOTS)
-    registry.add(FEEDING)
+    registry.register_task(FEEDING)
     before = dict(registry.environments)
     with pytest.raises(ValueError, match="a task with the name Feeding is already registered"):
-        registry.add(FEEDING)
+        registry.register_task(FEEDING)
     assert (list(registry.tasks), registry.environments) == (["Feeding"], before)
 
 
 def test_ids_that_coincide_are_refused():
     jaco = ROBOTS["Jaco"]
     registry = TaskRegistry({"Jaco": jaco, "BigJaco": replace(jaco, name="BigJaco")})
-    registry.add(FEEDING)
+    registry.register_task(FEEDING)
     with pytest.raises(ValueError, match="the environment id avrgym/FeedingBigJaco-v1 is already in use"):
-        registry.add(replace(FEEDING, name="FeedingBig"))
+        registry.register_task(replace(FEEDING, name="FeedingBig"))
     assert list(registry.tasks) == ["Feeding"]
 
 
@@ -121,16 +122,16 @@ def test_a_task_is_done_by_the_robots_that_suit_it():
     def by_jaco(robot: Robot) -> SceneConfig:
         if robot.name != "Jaco":
             raise UnsuitableRobotError(f"{robot.name} is too large")
-        return FEEDING.scene(robot)
+        return FEEDING.make_scene(robot)
 
     def by_none(robot: Robot) -> SceneConfig:
         raise UnsuitableRobotError(f"{robot.name} has no hook")
 
     registry = TaskRegistry(ROBOTS)
-    registry.add(replace(FEEDING, name="Small", scene=by_jaco))
+    registry.register_task(replace(FEEDING, name="Small", make_scene=by_jaco))
     assert registry.environments == {"avrgym/SmallJaco-v1": ("Small", "Jaco")}
     with pytest.raises(ValueError, match="task Hooked: no robot has the required arm, mount and grip"):
-        registry.add(replace(FEEDING, name="Hooked", scene=by_none))
+        registry.register_task(replace(FEEDING, name="Hooked", make_scene=by_none))
     assert registry.skipped_plugins == []
 
 
@@ -138,7 +139,7 @@ def test_a_task_is_done_by_the_robots_that_suit_it():
     ("broken", "said"),
     [
         ({"distance_m": np.full(3, np.nan)}, "distance_m is"),
-        ({"events": np.zeros(3)}, "events is"),
+        ({"num_events": np.zeros(3)}, "num_events is"),
         ({"success": np.zeros(2, dtype=bool)}, "success is"),
     ],
 )

@@ -9,19 +9,19 @@ import pytest
 
 from avrgym.models.human import SKIN_TONES
 from avrgym.texts.interface_texts import (
-    CHOOSE_NAME_PREFIX,
+    CHOOSE_ACTION_KEY_PREFIX,
     ENGLISH_TEXTS,
-    PAGE_KEY_SUFFIX,
-    PROFILE_SELECT_INPUTS,
-    SELECT_NAME_PREFIX,
+    INPUT_PROFILE_SELECT_INPUTS,
+    PAGE_TEXT_KEY_SUFFIX,
+    SELECT_ACTION_KEY_PREFIX,
     TEXTS_FOLDER,
     InvalidTextsError,
     ParticipantText,
-    included_languages,
+    list_included_languages,
     normalize_whitespace,
     read_texts,
 )
-from avrgym.vr.protocol.messages import Language, Phase, Problem, Ready, Stop
+from avrgym.vr.protocol.messages import Language, ParticipantReady, PhaseDescription, Problem, Stop
 from avrgym.vr.server.authentication import Tokens
 from helpers.vr.visit import Visit, plan
 
@@ -30,8 +30,8 @@ ALIKE = {"anchor", "one_after_another", "seconds"}
 """What has no words."""
 IN_VR_ALONE = ("wrong_height", "reach_")
 """Prefixes of the keys of texts that only participants with a headset receive."""
-INPUTS = {"trigger", "button", "touchpad", "pinch", "tap", "gaze", *PROFILE_SELECT_INPUTS}
-NAMES = (SELECT_NAME_PREFIX, CHOOSE_NAME_PREFIX)
+INPUTS = {"trigger", "button", "touchpad", "pinch", "tap", "gaze", *INPUT_PROFILE_SELECT_INPUTS}
+NAMES = (SELECT_ACTION_KEY_PREFIX, CHOOSE_ACTION_KEY_PREFIX)
 SELECTS = re.compile(r"trigger|pinch|Abzug|Zeigefinger", re.IGNORECASE)
 CONTROLLER = re.compile(r"\{select\}|trigger|menu|\bA, B|Abzug|Menü", re.IGNORECASE)
 
@@ -52,7 +52,7 @@ def own(folder: Path, language: str, text: str) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("language", included_languages())
+@pytest.mark.parametrize("language", list_included_languages())
 def test_every_language_is_complete(language: str) -> None:
     texts = read_texts(language)
     assert set(SKIN_TONES) <= set(texts.page)
@@ -62,40 +62,44 @@ def test_every_language_is_complete(language: str) -> None:
         alike = {key for key in english if found[key] == english[key]}
         assert language == "en" or alike <= ALIKE
     for key, text in texts.session.items():
-        if CONTROLLER.search(text) and not key.endswith(PAGE_KEY_SUFFIX) and not key.startswith(NAMES):
-            on_page = texts.session.get(key + PAGE_KEY_SUFFIX, "" if key.startswith(IN_VR_ALONE) else text)
+        if CONTROLLER.search(text) and not key.endswith(PAGE_TEXT_KEY_SUFFIX) and not key.startswith(NAMES):
+            on_page = texts.session.get(
+                key + PAGE_TEXT_KEY_SUFFIX, "" if key.startswith(IN_VR_ALONE) else text
+            )
             assert not CONTROLLER.search(on_page), key
 
 
-@pytest.mark.parametrize("language", included_languages())
+@pytest.mark.parametrize("language", list_included_languages())
 def test_texts_mention_only_the_participants_input(language: str) -> None:
     """Each kind of input has its own words, in VR and in what is put into other words."""
     texts = read_texts(language)
     kinds = [
-        key.removeprefix(SELECT_NAME_PREFIX) for key in texts.session if key.startswith(SELECT_NAME_PREFIX)
+        key.removeprefix(SELECT_ACTION_KEY_PREFIX)
+        for key in texts.session
+        if key.startswith(SELECT_ACTION_KEY_PREFIX)
     ]
     assert set(kinds) == INPUTS
     values = {name: "x" for name in ("trial", "goal", "seconds", "faults", "moved_cm", "most_cm")}
     for key, text in texts.session.items():
-        if "{select}" not in text.lower() or key.endswith(PAGE_KEY_SUFFIX):
+        if "{select}" not in text.lower() or key.endswith(PAGE_TEXT_KEY_SUFFIX):
             assert key.startswith(NAMES) or not SELECTS.search(text), key
             continue
         said = ParticipantText("more_faults", {"faults": ParticipantText(key, values), "more": "1"})
-        by_input = texts.render_by_input(said)
+        by_input = texts.format_by_select_input(said)
         assert set(by_input) == INPUTS - {"trigger"}
-        assert len({texts.render(said), *by_input.values()}) == len(INPUTS)
+        assert len({texts.format_for_vr(said), *by_input.values()}) == len(INPUTS)
         for kind, told in by_input.items():
-            words = texts.session[SELECT_NAME_PREFIX + kind]
+            words = texts.session[SELECT_ACTION_KEY_PREFIX + kind]
             assert words[1:] in told
-            assert texts.session[f"{SELECT_NAME_PREFIX}trigger"][1:] not in told
+            assert texts.session[f"{SELECT_ACTION_KEY_PREFIX}trigger"][1:] not in told
 
 
 def test_a_language_of_an_earlier_version_has_one_way_to_select(tmp_path: Path) -> None:
     lines = whole_file().replace("{select}", "reggirt").replace("{Select}", "reggirT").splitlines()
     old = "\n".join(line for line in lines if not line.startswith(NAMES)).replace("{choose}", "esoohc")
     texts = read_texts("xx", own(tmp_path, "xx", old))
-    assert "reggirT" in texts.render(ParticipantText("ready", {"trial": "1", "goal": ""}))
-    assert texts.render_by_input(ParticipantText("ready", {"trial": "1", "goal": ""})) == {}
+    assert "reggirT" in texts.format_for_vr(ParticipantText("ready", {"trial": "1", "goal": ""}))
+    assert texts.format_by_select_input(ParticipantText("ready", {"trial": "1", "goal": ""})) == {}
     with pytest.raises(InvalidTextsError, match="lacks select_by_trigger"):
         read_texts("yy", own(tmp_path, "yy", old.replace("reggirt", "{select}")))
 
@@ -103,12 +107,12 @@ def test_a_language_of_an_earlier_version_has_one_way_to_select(tmp_path: Path) 
 def test_the_participant_hears_of_their_input_wherever_they_are_spoken_to(tmp_path: Path) -> None:
     visit = Visit(tmp_path, plan())
     visit.go_to("calibration")
-    assert "Then pinch" in visit.received(Phase)[-1].texts_by_input["pinch"]
+    assert "Then pinch" in visit.received(PhaseDescription)[-1].texts_by_input["pinch"]
     visit.session.send_initial_state(visit.inbox.append, "participant", 0.0)
-    assert "Then pinch" in visit.received(Phase)[-1].texts_by_input["pinch"]
+    assert "Then pinch" in visit.received(PhaseDescription)[-1].texts_by_input["pinch"]
     visit.tracking = False
     visit.tick(100)
-    visit.send(Ready())
+    visit.send(ParticipantReady())
     assert "then pinch" in visit.received(Problem)[-1].messages_by_input["pinch"]
     visit.leave()
 
@@ -116,7 +120,7 @@ def test_the_participant_hears_of_their_input_wherever_they_are_spoken_to(tmp_pa
 def test_a_study_brings_a_language_written_from_right_to_left(tmp_path: Path) -> None:
     texts = read_texts("ar-EG", own(tmp_path, "ar-EG", whole_file()))
     assert (texts.direction, texts.name) == ("rtl", "Hsilgne")
-    assert texts.render(ParticipantText("trial", {"trial": "2", "trials": "8"})) == "8 fo 2 lairT"
+    assert texts.format_for_vr(ParticipantText("trial", {"trial": "2", "trials": "8"})) == "8 fo 2 lairT"
     visit = Visit(tmp_path, replace(plan(), texts=texts))
     visit.session.send_initial_state(visit.inbox.append, "participant", 0.0)
     told = visit.received(Language)[-1]
@@ -129,7 +133,7 @@ def test_a_study_changes_single_texts_of_a_language(tmp_path: Path) -> None:
     texts = read_texts("de", folder)
     assert (texts.page["enter"], texts.page["leave"]) == ("Los", GERMAN.page["leave"])
     assert texts.translate(" a b ") == "c"
-    assert texts.untranslated_sentences(["a b", "d", "d", " "]) == ["d"]
+    assert texts.find_untranslated_sentences(["a b", "d", "d", " "]) == ["d"]
     assert normalize_whitespace("a\n  b ") == "a b"
 
 
@@ -163,25 +167,25 @@ def test_a_session_uses_one_language(tmp_path: Path) -> None:
     """Phases, problems and numbers are in German; the experimenter reads English."""
     visit = Visit(tmp_path, replace(plan(), texts=GERMAN))
     visit.go_to("trial")
-    visit.send(Ready(), Stop())
-    said = [(phase.text, phase.page_text) for phase in visit.received(Phase)]
+    visit.send(ParticipantReady(), Stop())
+    said = [(phase.text, phase.page_text) for phase in visit.received(PhaseDescription)]
     german = {text.split("{")[0] for text in GERMAN.session.values() if text.split("{")[0]}
     for texts in said:
         assert all(any(text.startswith(begin) for begin in german) for text in texts)
-    assert said[-1] == (GERMAN.render(ParticipantText("stopped")), GERMAN.session["stopped_page"])
+    assert said[-1] == (GERMAN.format_for_vr(ParticipantText("stopped")), GERMAN.session["stopped_page"])
     problem = visit.received(Problem)[-1]
     assert (problem.message, problem.role) == (GERMAN.session["nothing_to_begin"], "participant")
     assert "Essen Sie das Essen vom Löffel." in said[-4][0]
     assert visit.recordings()[0].configuration.language == "de"
     moved = ParticipantText("head_moved", {"moved_cm": "3.4", "most_cm": "2"})
-    assert "3,4 cm" in GERMAN.render(moved)
+    assert "3,4 cm" in GERMAN.format_for_vr(moved)
     visit.leave()
 
 
 def test_tokens_persist_and_are_private(tmp_path: Path) -> None:
     path = tmp_path / "private" / "tokens.json"
     tokens = Tokens.load_or_create(path)
-    assert Tokens.load_or_create(path) == tokens != Tokens.new()
+    assert Tokens.load_or_create(path) == tokens != Tokens.generate()
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     for text in ("", '{"participant": "", "experimenter": "", "spectator": ""}'):
         path.write_text(text)

@@ -12,8 +12,8 @@ from avrgym.vr.tracking.arm import (
     ARM_JOINTS,
     ArmLengths,
     ArmSolver,
-    comfortable_angles,
     measure_solve_time_ms,
+    solve_comfortable_angles,
 )
 
 PERSON = Person("woman", 0.54)
@@ -38,7 +38,9 @@ def elbow_of(angles: np.ndarray) -> np.ndarray:
 def hand_of(angles: np.ndarray) -> Hand:
     forearm = upper_arm(angles) @ Rotation.from_euler("XZ", angles[3:5]).as_matrix()
     hand = forearm @ Rotation.from_euler("XY", angles[5:]).as_matrix()
-    return elbow_of(angles) - LENGTHS.forearm_m * forearm[:, 2] - LENGTHS.hand_m * hand[:, 2], hand
+    return elbow_of(angles) - LENGTHS.forearm_m * forearm[:, 2] - LENGTHS.wrist_to_hand_length_m * hand[
+        :, 2
+    ], hand
 
 
 def error(angles: np.ndarray, hand: Hand) -> tuple[float, float]:
@@ -91,7 +93,7 @@ def test_the_closed_form_brings_the_hand_to_any_pose_of_an_arm(rng: np.random.Ge
     for angles in rng.uniform(LOWER, UPPER, (100, 7)):
         hand = hand_of(angles)
         pos, axes = hand
-        solved = comfortable_angles(LENGTHS, pos[None], axes[None], rng.uniform(LOWER, UPPER)[None])
+        solved = solve_comfortable_angles(LENGTHS, pos[None], axes[None], rng.uniform(LOWER, UPPER)[None])
         metres, degrees = error(solved[0], hand)
         assert metres < 0.006
         assert degrees < 1.5
@@ -100,8 +102,8 @@ def test_the_closed_form_brings_the_hand_to_any_pose_of_an_arm(rng: np.random.Ge
 def test_a_wrist_may_lie_in_line_with_the_hinge_of_the_elbow() -> None:
     """The hinge of an arm that hangs straight down points sideways, and there the wrist shall go."""
     wrist, axes = np.array([0.4, 0.0, 0.0]), np.eye(3)
-    hand = wrist - LENGTHS.hand_m * axes[:, 2], axes
-    solved = comfortable_angles(LENGTHS, hand[0][None], axes[None], np.zeros((1, 7)))
+    hand = wrist - LENGTHS.wrist_to_hand_length_m * axes[:, 2], axes
+    solved = solve_comfortable_angles(LENGTHS, hand[0][None], axes[None], np.zeros((1, 7)))
     metres, degrees = error(solved[0], hand)
     assert metres < 0.006
     assert degrees < 1.5
@@ -145,7 +147,7 @@ def test_no_joint_jumps_while_the_arm_stretches_and_bends_again() -> None:
     angles = follow(solver, [(pos, axes) for pos in way], brought(solver, (np.array(near), axes)))
     for pos, before, after in zip(way[1:], angles, angles[1:], strict=False):
         assert np.abs(after - before).max() < 0.1
-        wrist_m = float(np.linalg.norm(pos + LENGTHS.hand_m * axes[:, 2]))
+        wrist_m = float(np.linalg.norm(pos + LENGTHS.wrist_to_hand_length_m * axes[:, 2]))
         if wrist_m < REACH_M:
             assert error(after, (pos, axes))[0] < 0.01
         else:
@@ -184,7 +186,7 @@ def test_elbows_hang_down_and_outward_in_common_poses(name: str) -> None:
     """Below the shoulder, not inward of the line from shoulder to wrist, and no joint wound up."""
     hand = COMMON_POSES[name]
     angles = brought(ArmSolver(PERSON), hand)
-    elbow, wrist = elbow_of(angles), hand[0] + LENGTHS.hand_m * hand[1][:, 2]
+    elbow, wrist = elbow_of(angles), hand[0] + LENGTHS.wrist_to_hand_length_m * hand[1][:, 2]
     on_line = (elbow @ wrist) / (wrist @ wrist) * wrist
     assert error(angles, hand)[0] < 0.01
     assert elbow[2] < 0.0

@@ -22,21 +22,21 @@ from websockets.typing import Origin
 
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
-    Command,
-    Entered,
+    ControllerPoseCommand,
+    ExperimenterCommand,
     Hello,
     Message,
-    Phase,
+    PhaseDescription,
     Problem,
-    StateChange,
-    Status,
-    Steer,
+    SessionStatus,
+    VrEntered,
     Welcome,
+    WorldStateChange,
     XRPose,
 )
 from avrgym.vr.server import certificate as certificate_module
 from avrgym.vr.server.authentication import Tokens
-from avrgym.vr.server.certificate import Certificate, lan_host_names, load_or_create_certificate
+from avrgym.vr.server.certificate import Certificate, find_lan_host_names, load_or_create_certificate
 from avrgym.vr.server.live_server import LiveServer, create_app
 from avrgym.vr.server.web_server import ServerError
 from avrgym.vr.session.session import Session
@@ -81,7 +81,7 @@ def opened(
 
 
 def tell(socket: ClientConnection, message: Message) -> None:
-    socket.send(messages.encode(message))
+    socket.send(messages.encode_message(message))
 
 
 def hear(socket: ClientConnection, kind: type) -> Message:
@@ -96,7 +96,7 @@ def hear(socket: ClientConnection, kind: type) -> Message:
 
 def hear_phase(socket: ClientConnection, name: str) -> None:
     """Wait until a phase is entered."""
-    while cast(Phase, hear(socket, Phase)).name != name:
+    while cast(PhaseDescription, hear(socket, PhaseDescription)).name != name:
         pass
 
 
@@ -131,7 +131,7 @@ def test_a_socket_opens_only_to_its_roles(server: LiveServer, path: str) -> None
             else:
                 assert isinstance(first, Problem)
                 with pytest.raises(ConnectionClosed) as closed:
-                    hear(socket, StateChange)
+                    hear(socket, WorldStateChange)
                 assert closed.value.rcvd is not None
                 assert closed.value.rcvd.code == 4403
 
@@ -142,7 +142,7 @@ def test_without_its_token_no_socket_opens(server: LiveServer, path: str, token:
     with opened(server, path, token) as socket:
         assert isinstance(hear(socket, Message), Problem)
         with pytest.raises(ConnectionClosed):
-            hear(socket, StateChange)
+            hear(socket, WorldStateChange)
 
 
 @pytest.mark.parametrize("path", GUARDED)
@@ -169,7 +169,7 @@ def test_pages_of_other_origins_and_hosts_are_refused(server: LiveServer, method
 
 
 def test_one_demonstrator_drives_and_nobody_else_steers(server: LiveServer) -> None:
-    steer = Steer(
+    steer = ControllerPoseCommand(
         clutch=False, grip=None, xr_from_world=XRPose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), scale=1.0
     )
     with opened(server, "/watch", server.tokens.demonstrator) as first:
@@ -206,7 +206,7 @@ def test_tokens_differ_and_are_never_in_the_log(
     server: LiveServer, capfd: pytest.CaptureFixture[str]
 ) -> None:
     secrets = [*vars(server.tokens).values()]
-    assert len({*secrets, *vars(Tokens.new()).values()}) == 8
+    assert len({*secrets, *vars(Tokens.generate()).values()}) == 8
     for token in secrets:
         request(server, "GET", "/scenes/99.glb", authorization=f"Bearer {token}")
         for path in SOCKETS:
@@ -226,13 +226,13 @@ def test_any_number_of_watchers_may_connect(server: LiveServer) -> None:
     with participant(server) as taking_part:
         sockets = [watcher.__enter__() for watcher in watchers]
         for socket in sockets:
-            assert isinstance(hear(socket, Status), Status)
-        tell(taking_part, Entered())
+            assert isinstance(hear(socket, SessionStatus), SessionStatus)
+        tell(taking_part, VrEntered())
         for socket in sockets:
             hear_phase(socket, "calibration")
         for watcher in watchers:
             watcher.__exit__(None, None, None)
-        assert isinstance(hear(taking_part, StateChange), StateChange)
+        assert isinstance(hear(taking_part, WorldStateChange), WorldStateChange)
 
 
 def test_participants_receive_no_status_messages(server: LiveServer) -> None:
@@ -242,23 +242,23 @@ def test_participants_receive_no_status_messages(server: LiveServer) -> None:
     ):
         kinds = set()
         for _ in range(3):
-            hear(experimenter, Status)
+            hear(experimenter, SessionStatus)
         for _ in range(25):
             kinds.add(type(hear(taking_part, Message)))
-        assert Status not in kinds
+        assert SessionStatus not in kinds
 
 
 def test_spectators_cannot_send_commands(server: LiveServer) -> None:
     with opened(server, "/watch", server.tokens.spectator) as spectator:
         hear(spectator, Welcome)
-        tell(spectator, Command(name="end"))
+        tell(spectator, ExperimenterCommand(name="end"))
         assert "may send no commands" in cast(Problem, hear(spectator, Problem)).message
         assert server.session.phase_name != "finished"
 
 
 def test_participants_cannot_send_commands(server: LiveServer) -> None:
     with participant(server) as taking_part:
-        tell(taking_part, Command(name="end"))
+        tell(taking_part, ExperimenterCommand(name="end"))
         assert "invalid message" in cast(Problem, hear(taking_part, Problem)).message
         assert server.session.phase_name != "finished"
 
@@ -270,8 +270,8 @@ def test_the_experimenter_commands_the_session(tmp_path: Path) -> None:
         ) as server,
         opened(server, "/watch", server.tokens.experimenter) as experimenter,
     ):
-        tell(experimenter, Command(name="end"))
-        while cast(Status, hear(experimenter, Status)).phase != "finished":
+        tell(experimenter, ExperimenterCommand(name="end"))
+        while cast(SessionStatus, hear(experimenter, SessionStatus)).phase != "finished":
             pass
 
 
@@ -306,18 +306,20 @@ def test_a_certificate_is_reused_until_it_is_invalid(tmp_path: Path, monkeypatch
     (tmp_path / "key.pem").write_text("broken")
     mended = number(("192.0.2.8",))
     assert mended != other
-    monkeypatch.setattr(certificate_module, "VALID_DAYS", certificate_module.RENEWAL_DAYS - 1)
+    monkeypatch.setattr(
+        certificate_module, "CERTIFICATE_VALIDITY_DAYS", certificate_module.MIN_REMAINING_VALIDITY_DAYS - 1
+    )
     (tmp_path / "certificate.pem").unlink()
     soon_over = number(("192.0.2.8",))
     monkeypatch.undo()
     renewed = load_or_create_certificate(("192.0.2.8",), tmp_path)
     assert loaded(renewed).serial_number != soon_over
     left = loaded(renewed).not_valid_after_utc - datetime.datetime.now(datetime.UTC)
-    assert left.days >= certificate_module.VALID_DAYS - 1
+    assert left.days >= certificate_module.CERTIFICATE_VALIDITY_DAYS - 1
 
 
 def test_the_names_are_this_machines() -> None:
-    names = lan_host_names()
+    names = find_lan_host_names()
     assert names[-1] == f"{names[-2]}.local"
     assert "127.0.0.1" not in names
 
@@ -339,7 +341,7 @@ def test_the_local_network_requires_tls(tmp_path: Path) -> None:
         with pytest.raises(httpx.HTTPError):
             httpx.get(f"http://localhost:{server.port}/")
         assert server.participant_url.startswith("https://localhost:")
-        assert [url.split("/")[2] for url in server.page_urls()] == [
+        assert [url.split("/")[2] for url in server.list_page_urls()] == [
             f"localhost:{server.port}", f"lab:{server.port}"
         ]  # fmt: skip
 
@@ -347,7 +349,7 @@ def test_the_local_network_requires_tls(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_browser_keeps_no_scene_of_an_earlier_start() -> None:
     """Tokens outlast a restart, and the numbers of scenes begin at 0 again."""
-    tokens, rendered = Tokens.new(), list[bytes]()
+    tokens, rendered = Tokens.generate(), list[bytes]()
 
     def started(glb: bytes) -> httpx.ASGITransport:
         async def render(*_: object) -> bytes:

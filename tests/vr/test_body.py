@@ -11,9 +11,9 @@ from avrgym.models import human
 from avrgym.models.human import (
     JOINTS,
     LOWER_LIMITS_RAD,
-    RECLINED,
-    SEATED,
+    RECLINED_POSTURE,
     SEATED_POSE_RAD,
+    SEATED_POSTURE,
     SEXES,
     UPPER_LIMITS_RAD,
     Person,
@@ -21,11 +21,11 @@ from avrgym.models.human import (
 )
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.body import (
-    RELAXED_ANGLES_RAD,
+    RELAXED_JOINT_ANGLES_RAD,
     BodyPose,
     BodySolver,
-    hips_frame,
-    resting_head_centre,
+    compute_hips_frame,
+    compute_resting_head_centre,
     solve_torso_angles,
 )
 
@@ -34,7 +34,7 @@ LEFT_RIGHT = [list(JOINTS).index(_swapped) for _swapped in (
     name.replace("right_", "*").replace("left_", "right_").replace("*", "left_") for name in JOINTS
 )]  # fmt: skip
 CONVERGED_FRAMES = 80
-POSTURES = (SEATED, RECLINED)
+POSTURES = (SEATED_POSTURE, RECLINED_POSTURE)
 WORKING_RAD = np.radians([5, 5, 5, 15, 10, 20, *[10, 20, 20, 25, 20, 10, 10] * 2])
 """How far from the seated pose people move who sit at a table."""
 
@@ -42,8 +42,8 @@ WORKING_RAD = np.radians([5, 5, 5, 15, 10, 20, *[10, 20, 20, 25, 20, 10, 10] * 2
 class Skeleton:
     """Forward kinematics of a person, to make poses and to measure what the solver did."""
 
-    def __init__(self, person: Person, posture: Posture = SEATED) -> None:
-        self.model = human.person_model(person, posture, moving=True)
+    def __init__(self, person: Person, posture: Posture = SEATED_POSTURE) -> None:
+        self.model = human.compile_person_model(person, posture, moving=True)
         self.data = mujoco.MjData(self.model)
 
     def pose(self, angles_rad: np.ndarray) -> BodyPose:
@@ -51,8 +51,8 @@ class Skeleton:
         mujoco.mj_kinematics(self.model, self.data)
         head, left, right = (
             Pose(
-                self.data.site(f"{human.PREFIX}{site}").xpos.copy(),
-                transforms.normalize(self.data.body(f"{human.PREFIX}{body}").xquat),
+                self.data.site(f"{human.PERSON_NAME_PREFIX}{site}").xpos.copy(),
+                transforms.normalize(self.data.body(f"{human.PERSON_NAME_PREFIX}{body}").xquat),
             )
             for site, body in (
                 ("head_centre", "head"), ("left_hand_centre", "left_hand"), ("right_hand_centre", "right_hand"),
@@ -80,8 +80,8 @@ def mirrored(pose: Pose) -> Pose:
 
 def resting(person: Person, posture: Posture) -> Pose:
     """The head of a person who rests."""
-    _, axes_w = hips_frame(person, posture)
-    return Pose(resting_head_centre(person, posture), transforms.from_matrix(axes_w))
+    _, axes_w = compute_hips_frame(person, posture)
+    return Pose(compute_resting_head_centre(person, posture), transforms.from_matrix(axes_w))
 
 
 def working_poses(rng: np.random.Generator, count: int) -> list[np.ndarray]:
@@ -113,8 +113,8 @@ def test_head_and_hands_come_to_where_they_are(
         for _ in range(CONVERGED_FRAMES):
             angles = solver.solve(wanted, angles)
         reached = skeleton.pose(angles)
-        assert distance(reached.head, wanted.head) < 0.001
-        assert turn_deg(reached.head, wanted.head) < 0.1
+        assert distance(reached.head_pose, wanted.head_pose) < 0.001
+        assert turn_deg(reached.head_pose, wanted.head_pose) < 0.1
         for hand, target in ((reached.left, wanted.left), (reached.right, wanted.right)):
             assert distance(hand, target) < 0.002
             assert turn_deg(hand, target) < 1.0
@@ -125,9 +125,9 @@ def test_the_head_follows_leans_along_the_arc_of_a_rigid_torso() -> None:
     skeleton, solver = Skeleton(person), BodySolver(person)
     for forward_deg in (-25.0, 10.0, 30.0):
         for sideways_deg in (-25.0, 0.0, 25.0):
-            wanted = skeleton.pose(human.seated_joint_angles(waist_x=forward_deg, waist_y=sideways_deg))
+            wanted = skeleton.pose(human.make_seated_joint_angles(waist_x=forward_deg, waist_y=sideways_deg))
             reached = skeleton.pose(solver.solve(wanted, SEATED_POSE_RAD))
-            assert distance(reached.head, wanted.head) < 1e-6
+            assert distance(reached.head_pose, wanted.head_pose) < 1e-6
 
 
 WOMAN = Person("woman", 0.54)
@@ -137,7 +137,7 @@ WAIST_TO_HEAD_M = 0.54 - 0.075
 
 def head_error_m(head: Pose) -> float:
     angles = BodySolver(WOMAN).solve(BodyPose(head, None, None), SEATED_POSE_RAD)
-    return distance(Skeleton(WOMAN).pose(angles).head, head)
+    return distance(Skeleton(WOMAN).pose(angles).head_pose, head)
 
 
 def lean(direction_deg: float, shift_m: float, radius_m: float) -> Pose:
@@ -148,7 +148,7 @@ def lean(direction_deg: float, shift_m: float, radius_m: float) -> Pose:
     heading = np.radians(direction_deg)
     axis = np.array([np.cos(heading), np.sin(heading), 0.0])
     q = transforms.from_axis_angle(axis, np.arcsin(shift_m / radius_m))
-    pivot = resting_head_centre(WOMAN, SEATED) - [0.0, 0.0, radius_m]
+    pivot = compute_resting_head_centre(WOMAN, SEATED_POSTURE) - [0.0, 0.0, radius_m]
     return Pose(pivot + transforms.rotate(q, [0.0, 0.0, radius_m]), q)
 
 
@@ -176,7 +176,7 @@ def test_the_head_keeps_its_direction_where_the_waist_cannot_follow(posture: Pos
             head = Pose(rest.pos_w + np.array([sideways_m, 0.0, -0.05]), turned)
             angles = BodySolver(WOMAN, posture).solve(BodyPose(head, None, None), SEATED_POSE_RAD)
             assert angles[1] == pytest.approx(np.sign(sideways_m) * np.radians(30.0))
-            assert turn_deg(skeleton.pose(angles).head, head) < 0.01
+            assert turn_deg(skeleton.pose(angles).head_pose, head) < 0.01
 
 
 def test_leans_about_the_hips_are_followed_within_one_and_a_half_centimetres() -> None:
@@ -189,7 +189,7 @@ def test_leans_about_the_hips_are_followed_within_one_and_a_half_centimetres() -
 def test_a_head_that_shifts_level_is_out_of_reach_of_a_torso_that_cannot_stretch(
     shift_m: float, error_m: float
 ) -> None:
-    shifted = resting_head_centre(WOMAN, SEATED) - np.array([0.0, shift_m, 0.0])
+    shifted = compute_resting_head_centre(WOMAN, SEATED_POSTURE) - np.array([0.0, shift_m, 0.0])
     head = Pose(shifted, transforms.IDENTITY_QUATERNION)
     assert head_error_m(head) == pytest.approx(error_m, abs=0.001)
 
@@ -197,10 +197,14 @@ def test_a_head_that_shifts_level_is_out_of_reach_of_a_torso_that_cannot_stretch
 @pytest.mark.slow
 def test_no_rigid_torso_that_keeps_the_heads_direction_comes_nearer(rng: np.random.Generator) -> None:
     """The head is missed only by what the head joints are farther from the waist, or nearer, than the torso is long."""
-    waist_w = resting_head_centre(WOMAN, SEATED) - [0.0, 0.0, WAIST_TO_HEAD_M]
+    waist_w = compute_resting_head_centre(WOMAN, SEATED_POSTURE) - [0.0, 0.0, WAIST_TO_HEAD_M]
     for _ in range(100):
         q_w = transforms.from_rotation_vector(rng.uniform(-0.1, 0.1, 3))
-        head = Pose(resting_head_centre(WOMAN, SEATED) + rng.uniform(-1.0, 1.0, 3) * [0.12, 0.12, 0.05], q_w)
+        head = Pose(
+            compute_resting_head_centre(WOMAN, SEATED_POSTURE)
+            + rng.uniform(-1.0, 1.0, 3) * [0.12, 0.12, 0.05],
+            q_w,
+        )
         joints_w = head.pos_w - transforms.rotate(q_w, [0.0, 0.0, 0.063])
         missing_m = np.linalg.norm(joints_w - waist_w) - (WAIST_TO_HEAD_M - 0.063)
         assert head_error_m(head) == pytest.approx(abs(missing_m), abs=1e-6)
@@ -209,7 +213,9 @@ def test_no_rigid_torso_that_keeps_the_heads_direction_comes_nearer(rng: np.rand
 def test_waist_and_head_share_the_yaw_three_to_seven() -> None:
     person = Person("woman", 0.54)
     yaw = transforms.from_axis_angle(human.Z_AXIS, np.asarray(0.5))
-    angles = solve_torso_angles(person, Pose(resting_head_centre(person, SEATED), yaw), SEATED)
+    angles = solve_torso_angles(
+        person, Pose(compute_resting_head_centre(person, SEATED_POSTURE), yaw), SEATED_POSTURE
+    )
     np.testing.assert_allclose(angles[[2, 5]], [0.15, 0.35], atol=1e-9)
 
 
@@ -230,11 +236,11 @@ def both_arms(**degrees: float) -> np.ndarray:
         if name.startswith("right_"):
             sign = 1.0 if name.endswith("x") else -1.0
             pose[name.replace("right", "left")] = sign * degrees[name]
-    return human.seated_joint_angles(**pose)
+    return human.make_seated_joint_angles(**pose)
 
 
 JOURNEY = (
-    RELAXED_ANGLES_RAD,
+    RELAXED_JOINT_ANGLES_RAD,
     both_arms(
         right_shoulder_y=15, right_shoulder_x=10, right_elbow_x=-85, right_forearm_z=-20
     ),  # on armrests
@@ -251,14 +257,14 @@ JOURNEY = (
     ),  # mouth
     both_arms(right_shoulder_y=12, right_shoulder_x=-25, right_elbow_x=-80, right_forearm_z=-70),  # palms up
     both_arms(right_shoulder_y=10, right_shoulder_x=-20, head_z=40, waist_y=10, waist_z=15),  # looking aside
-    RELAXED_ANGLES_RAD,
+    RELAXED_JOINT_ANGLES_RAD,
 )
 
 
 def test_smooth_movements_are_followed_without_a_jump() -> None:
     """From pose to pose in 1 s each at 100 Hz: no joint turns by 0.1 rad in a frame, hands stay within 1 cm and 5°."""
     skeleton, solver = Skeleton(WOMAN), BodySolver(WOMAN)
-    angles = RELAXED_ANGLES_RAD
+    angles = RELAXED_JOINT_ANGLES_RAD
     for start, end in itertools.pairwise(JOURNEY):
         for share in np.linspace(0.0, 1.0, 100):
             least_jerk = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
@@ -266,7 +272,7 @@ def test_smooth_movements_are_followed_without_a_jump() -> None:
             before, angles = angles, solver.solve(wanted, angles)
             reached = skeleton.pose(angles)
             assert np.abs(angles - before).max() < 0.1
-            assert distance(reached.head, wanted.head) < 0.001
+            assert distance(reached.head_pose, wanted.head_pose) < 0.001
             for hand, target in ((reached.left, wanted.left), (reached.right, wanted.right)):
                 assert distance(hand, target) < 0.01
                 assert turn_deg(hand, target) < 5.0
@@ -279,15 +285,15 @@ def test_left_and_right_mirror_each_other(rng: np.random.Generator) -> None:
         wanted = skeleton.pose(wanted_rad)
         assert wanted.left is not None
         assert wanted.right is not None
-        reflected = BodyPose(mirrored(wanted.head), mirrored(wanted.right), mirrored(wanted.left))
+        reflected = BodyPose(mirrored(wanted.head_pose), mirrored(wanted.right), mirrored(wanted.left))
         angles, other = solver.solve(wanted, SEATED_POSE_RAD), solver.solve(reflected, SEATED_POSE_RAD)
         np.testing.assert_allclose(other, (angles * MIRROR)[LEFT_RIGHT], atol=1e-9)
 
 
 def test_a_hand_that_is_not_tracked_stays() -> None:
     person = Person("woman", 0.54)
-    wanted = Skeleton(person).pose(human.seated_joint_angles(right_elbow_x=-60.0, left_elbow_x=-60.0))
-    angles = BodySolver(person).solve(BodyPose(wanted.head, None, wanted.right), SEATED_POSE_RAD)
+    wanted = Skeleton(person).pose(human.make_seated_joint_angles(right_elbow_x=-60.0, left_elbow_x=-60.0))
+    angles = BodySolver(person).solve(BodyPose(wanted.head_pose, None, wanted.right), SEATED_POSE_RAD)
     left = [i for i, name in enumerate(JOINTS) if name.startswith("left_")]
     np.testing.assert_array_equal(angles[left], SEATED_POSE_RAD[left])
     assert not np.array_equal(angles, SEATED_POSE_RAD)

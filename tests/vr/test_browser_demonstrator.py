@@ -10,14 +10,14 @@ import pytest
 
 from avrgym.geometry import transforms
 from avrgym.recording.reader import read_recording
-from avrgym.replay.verification import verify
+from avrgym.replay.verification import verify_recording
 from avrgym.vr.emulation.emulated_headset import EmulatedHeadset
 from avrgym.vr.emulation.simulated_demonstrator import SimulatedDemonstrator
 from avrgym.vr.live_world import drivers
 from avrgym.vr.live_world.drivers import OperatorDriver
 from avrgym.vr.live_world.world import LiveWorld
-from avrgym.vr.protocol.messages import TICK_S, Steer
-from avrgym.vr.protocol.webxr import Pose, controller_pose
+from avrgym.vr.protocol.messages import TICK_S, ControllerPoseCommand
+from avrgym.vr.protocol.webxr import Pose, compute_controller_pose
 from avrgym.vr.server.real_time_loop import RealTimeLoop
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.session.session import Session
@@ -45,25 +45,25 @@ class Pace:
             return wait(loop, due)
 
         patch.setattr(RealTimeLoop, "_wait", wait_for_pages)
-        patch.setattr(drivers, "OPERATOR_TIMEOUT_S", 60.0)
+        patch.setattr(drivers, "OPERATOR_COMMAND_TIMEOUT_S", 60.0)
 
 
-def caregivers_hand(steer: Steer) -> Pose:
+def caregivers_hand(steer: ControllerPoseCommand) -> Pose:
     """The pose of the simulated demonstrator's hand in the world."""
     assert steer.grip is not None
-    pose = controller_pose(steer.grip, steer.xr_from_world)
+    pose = compute_controller_pose(steer.grip, steer.xr_from_world)
     assert pose is not None
     return pose
 
 
 def is_near_mouth(world: LiveWorld) -> bool:
-    state = world.simulation.state()
+    state = world.simulation.get_state()
     return float(np.linalg.norm(state.mouth_pos_w[0] - state.tool_pos_w[0])) < 0.1
 
 
 def take_picture(headset: EmulatedHeadset, path: Path) -> None:
     draw_triangles(headset)
-    headset.screenshot(path)
+    headset.save_screenshot(path)
     headset.page.evaluate("() => { window.drawsTriangles = false; }")
 
 
@@ -75,7 +75,7 @@ class CaregiversHeadset(EmulatedHeadset):
         self.page = journey.headset._browser.new_page(viewport={"width": 640, "height": 360})
         self.page.set_default_timeout(1000 * TIMEOUT_S)
         skip_drawing(self)
-        address = journey.server.page_urls("demonstrator", journey.server.tokens.demonstrator)[0]
+        address = journey.server.list_page_urls("demonstrator", journey.server.tokens.demonstrator)[0]
         self.page.goto(address.replace("#", "?emulate=1#"))
         self.page.wait_for_function("() => window.avrgymEmulator?.lastState()")
         self.page.get_by_role("button", name="Robot's camera").click()
@@ -89,8 +89,8 @@ class CaregiversHeadset(EmulatedHeadset):
         assert isinstance(driver, OperatorDriver)
         pace.until = world.ticks
         hand, ticks = SimulatedDemonstrator(0), 0
-        hand.begin(world)
-        start = caregivers_hand(hand.steer(world, 0.0))
+        hand.begin_episode(world)
+        start = caregivers_hand(hand.make_controller_message(world, 0.0))
         self.move(REST_M, transforms.IDENTITY_QUATERNION)
         self.call_emulator("setSqueeze", "right", True)
 
@@ -109,7 +109,7 @@ class CaregiversHeadset(EmulatedHeadset):
             clutch, pose = True, start
             while ticks < world.ticks - first_tick:
                 ticks += 1
-                steer = hand.steer(world, ticks * TICK_S)
+                steer = hand.make_controller_message(world, ticks * TICK_S)
                 clutch, pose = steer.clutch, caregivers_hand(steer)
             turned = transforms.multiply(pose.q_w, transforms.conjugate(start.q_w))
             room_turned = transforms.multiply(
@@ -136,8 +136,8 @@ def test_a_caregiver_feeds_a_participant_in_the_same_world(
 ) -> None:
     """The recording names who drove each step, and replays bit by bit."""
     pace = Pace(monkeypatch)
-    trial = TrialPlan("avrgym/FeedingJaco-v1", "operator", 3, practice=False, items=())
-    plan = SessionPlan([trial], "woman", 0.3, simulated=True, trial_steps=STEPS, countdown_s=0.3)
+    trial = TrialPlan("avrgym/FeedingJaco-v1", "operator", 3, practice=False, questionnaire_items=())
+    plan = SessionPlan([trial], "woman", 0.3, is_simulated=True, trial_steps=STEPS, countdown_s=0.3)
     with ExitStack() as opened:
         journey = Journey(tmp_path, plan, load_policies(plan), opened, width=640, height=360)
         journey.enter()
@@ -157,4 +157,4 @@ def test_a_caregiver_feeds_a_participant_in_the_same_world(
     assert steps[-1].success
     assert {step.driver for step in steps if not step.idle} == {"demonstrator"}
     assert result(recording) == "completed"
-    assert verify(recording).identical
+    assert verify_recording(recording).is_identical

@@ -13,7 +13,12 @@ from avrgym.geometry import transforms
 from avrgym.models.human import SKIN_TONES
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import read_recording
-from avrgym.vr.emulation.emulated_headset import AGAIN_BUTTON, BACK_BUTTON, CONTINUE_BUTTON, DONE_BUTTON
+from avrgym.vr.emulation.emulated_headset import (
+    AGAIN_BUTTON_VALUE,
+    BACK_BUTTON_VALUE,
+    CONTINUE_BUTTON_VALUE,
+    DONE_BUTTON_VALUE,
+)
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
@@ -46,11 +51,12 @@ class Wearer:
         """Enter VR."""
         trial = TrialPlan("avrgym/FeedingJaco-v1", "drive", 0, practice=False)
         plan = SessionPlan(
-            [trial], "woman", 0.3, simulated=True, items=LIKERT_ITEMS[:1], trial_steps=trial_steps, countdown_s=0.3
+            [trial], "woman", 0.3, is_simulated=True, questionnaire_items=LIKERT_ITEMS[:1], trial_steps=trial_steps,
+            countdown_s=0.3
         )  # fmt: skip
         self.journey = Journey(folder, plan, constant_policies(plan), opened, query=f"&headset={headset}")
         self.headset, self.session = self.journey.headset, self.journey.session
-        frame = self.journey.participant.tracking_frame(0.0, moving=False)
+        frame = self.journey.participant.make_tracking_frame(0.0, moving=False)
         assert frame.head is not None
         self._aside = _at_the_right(frame.head)
         self.headset.set_poses(frame)
@@ -90,14 +96,14 @@ def test_each_headset_completes_a_session(name: str, tmp_path: Path) -> None:
         wait_until(lambda: session.person.skin_tone == next(iter(SKIN_TONES)))
         assert session.phase_name == "calibration"
         wearer.go_on("calibration", "loading")
-        wearer.choose("check", AGAIN_BUTTON)
+        wearer.choose("check", AGAIN_BUTTON_VALUE)
         wearer.journey.wait_for_phase("calibration")
         wearer.go_on("calibration", "loading")
-        wearer.choose("check", CONTINUE_BUTTON)
+        wearer.choose("check", CONTINUE_BUTTON_VALUE)
         wearer.choose(LIKERT_ITEMS[0].id, 6)
-        wearer.choose("confirm", BACK_BUTTON)
+        wearer.choose("confirm", BACK_BUTTON_VALUE)
         wearer.choose(LIKERT_ITEMS[0].id, 2)
-        wearer.choose("confirm", DONE_BUTTON)
+        wearer.choose("confirm", DONE_BUTTON_VALUE)
         wearer.journey.wait_for_phase("finished")
         (ended,) = [each for each in wearer.journey.observed if isinstance(each, events.TrialEnded)]
     assert ended.result == "completed"
@@ -132,7 +138,7 @@ def test_each_headset_stops_the_robot_in_its_own_way(name: str, tmp_path: Path) 
         shown = wearer.headset.call_emulator("stop")
         assert shown["method"] == ("triggers" if WAYS[name] == "squeeze" else WAYS[name])
         assert (shown["sign"] is not None) == (WAYS[name] == "gaze")
-        wearer.headset.screenshot(tmp_path / "sign.png")
+        wearer.headset.save_screenshot(tmp_path / "sign.png")
         wearer.headset.begin_emergency_stop(WAYS[name])
         wearer.journey.wait_for_phase("paused")
         observed = wearer.journey.observed

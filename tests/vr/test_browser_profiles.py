@@ -13,10 +13,10 @@ from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item
 from avrgym.recording.input_profile import InputProfile
 from avrgym.recording.reader import read_recording
 from avrgym.vr.emulation.emulated_headset import (
-    AGAIN_BUTTON,
-    BACK_BUTTON,
-    CONTINUE_BUTTON,
-    DONE_BUTTON,
+    AGAIN_BUTTON_VALUE,
+    BACK_BUTTON_VALUE,
+    CONTINUE_BUTTON_VALUE,
+    DONE_BUTTON_VALUE,
     _plain,
 )
 from avrgym.vr.protocol import messages
@@ -85,25 +85,28 @@ class Participation:
         elif before:
             self.choose(LINE.id, *((SEGMENT, 15) if staged else (15,)))
         else:
-            self.choose(LINE.id, *((SEGMENT, BACK_BUTTON, SEGMENT, 14) if staged else (14,)))
+            self.choose(LINE.id, *((SEGMENT, BACK_BUTTON_VALUE, SEGMENT, 14) if staged else (14,)))
 
     def go_on(self, phase: str) -> None:
         """Select the button with which the phase continues, once also each other one."""
-        if phase == "headset" and ("headset", CONTINUE_BUTTON) in self.done:
-            self.experimenter.send(messages.Command("skip"))
+        if phase == "headset" and ("headset", CONTINUE_BUTTON_VALUE) in self.done:
+            self.experimenter.send(messages.ExperimenterCommand("skip"))
             wait_until(lambda: self.journey.session.phase_name != "headset")
         elif phase == "calibration" and ("calibration", FIRST_TONE) not in self.done:
             self.chooser.choose(FIRST_TONE, lambda: self.tone == next(iter(SKIN_TONES)))
             self.done.append((phase, FIRST_TONE))
-        elif phase == "check" and ("check", AGAIN_BUTTON) not in self.done:
-            self.choose(phase, AGAIN_BUTTON)
+        elif phase == "check" and ("check", AGAIN_BUTTON_VALUE) not in self.done:
+            self.choose(phase, AGAIN_BUTTON_VALUE)
         elif "break" not in [item for item, _ in self.done] and REST_BUTTON in self.offered:
             self.choose("break", REST_BUTTON)
         elif phase == "confirm":
-            self.choose(phase, BACK_BUTTON if ("confirm", BACK_BUTTON) not in self.done else DONE_BUTTON)
+            self.choose(
+                phase,
+                BACK_BUTTON_VALUE if ("confirm", BACK_BUTTON_VALUE) not in self.done else DONE_BUTTON_VALUE,
+            )
         else:
             self.lie_back()
-            self.choose(phase, CONTINUE_BUTTON)
+            self.choose(phase, CONTINUE_BUTTON_VALUE)
 
     @property
     def offered(self) -> list[int]:
@@ -117,7 +120,7 @@ class Participation:
         """Rest in the seat or bed."""
         participant, session = self.journey.participant, self.journey.session
         participant.adopt_posture(session.world.environment_id)
-        frame = participant.tracking_frame(time.monotonic(), moving=False)
+        frame = participant.make_tracking_frame(time.monotonic(), moving=False)
         poses = {"head": _plain(frame.head), "left": _plain(frame.left), "right": _plain(frame.right)}
         self.journey.headset.call_emulator("setPoses", self.chooser.rest(poses))
 
@@ -133,8 +136,9 @@ def test_each_profile_completes_a_session(name: str, tmp_path: Path) -> None:
         TrialPlan("avrgym/BedBathingJaco-v1", "drive", 1, practice=False),
     ]
     plan = SessionPlan(
-        trials, "woman", 0.3, simulated=True, items=(LIKERT_ITEMS[0], WORDS, LINE), trial_steps=200, countdown_s=0.3,
-        input_profile=profile, haptics=False, measure_reach=True,
+        trials, "woman", 0.3, is_simulated=True, questionnaire_items=(LIKERT_ITEMS[0], WORDS, LINE), trial_steps=200,
+        countdown_s=0.3,
+        input_profile=profile, haptics=False, reach_measurement_enabled=True,
         headset_check=HeadsetCheckPlan(rest_duration_s=0.5, stretch_duration_s=0.5, motion_duration_s=0.5),
     )  # fmt: skip
     began = time.monotonic()
@@ -166,7 +170,7 @@ def test_a_participant_commands_by_a_look_at_an_icon(tmp_path: Path) -> None:
     rules = ConditionRules(policy="revised", commands=("ready", "wait", "stop"), sources=("dwell",))
     trial = TrialPlan(ENVIRONMENT, "revised", 3, practice=False, rules=apply_preferences(rules, None))
     profile = InputProfile("head", dwell_s=0.6)
-    plan = SessionPlan([trial], "woman", 0.1, simulated=True, countdown_s=0.3, input_profile=profile)
+    plan = SessionPlan([trial], "woman", 0.1, is_simulated=True, countdown_s=0.3, input_profile=profile)
     with ExitStack() as opened:
         journey = Journey(tmp_path, plan, load_policies(plan), opened)
         experimenter = opened.enter_context(ExperimenterClient(journey.server))
@@ -176,9 +180,9 @@ def test_a_participant_commands_by_a_look_at_an_icon(tmp_path: Path) -> None:
         person.lie_back()
         journey.headset.enter_vr()
         while journey.headset.call_emulator("phase")["name"] != "trial":
-            if CONTINUE_BUTTON in person.offered:
+            if CONTINUE_BUTTON_VALUE in person.offered:
                 person.lie_back()
-                person.chooser.choose(CONTINUE_BUTTON)
+                person.chooser.choose(CONTINUE_BUTTON_VALUE)
             journey.headset.wait_for_frames(3)
         person.lie_back()
         wait_until(lambda: len(journey.headset.call_emulator("buttons")) == 3)

@@ -12,10 +12,10 @@ import pytest
 from avrgym.models.human import SKIN_TONES
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import read_recording
-from avrgym.replay.verification import verify
+from avrgym.replay.verification import verify_recording
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation.emulated_headset import BrowserClient
-from avrgym.vr.session import events as session_events
+from avrgym.vr.session import events as read_session_events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from helpers.browser.journey import TIMEOUT_S, Journey, wait_until
 from helpers.vr.visit import constant_policies
@@ -49,7 +49,13 @@ def plan(*environments: str, steps: int) -> SessionPlan:
         TrialPlan(environment, "drive", seed, practice=False) for seed, environment in enumerate(environments)
     ]
     return SessionPlan(
-        trials, "woman", 0.3, simulated=True, items=LIKERT_ITEMS[:1], trial_steps=steps, countdown_s=0.3
+        trials,
+        "woman",
+        0.3,
+        is_simulated=True,
+        questionnaire_items=LIKERT_ITEMS[:1],
+        trial_steps=steps,
+        countdown_s=0.3,
     )
 
 
@@ -65,11 +71,11 @@ def test_every_task_with_one_robot_or_the_other(
     completed = [each for each in recordings if each.outcome and each.outcome.result == "completed"]
     assert [each.configuration.environment for each in completed] == list(MIXED)
     for each in completed:
-        assert each.complete
+        assert each.is_complete
         assert [record.step for _, record in each.messages_by_topic["/control"]] == [1, 2, 3, 4, 5]
         assert len(each.messages_by_topic["/answers"]) == 1
         assert any(record.moved_person for _, record in each.messages_by_topic["/tracking"])
-        assert verify(each).identical
+        assert verify_recording(each).is_identical
     whole.headset.page.get_by_role("button", name="Leave VR").click()
     wait_until(lambda: not whole.headset.call_emulator("presenting"))
 
@@ -84,14 +90,16 @@ def test_a_session_with_interruptions(journey: Callable[[SessionPlan], Journey])
     headset.select_answer(FIRST_TONE)
     wait_until(lambda: session.person.skin_tone == next(iter(SKIN_TONES)))
     assert session.phase_name == "calibration"
-    headset.set_poses(visit.participant.tracking_frame(1.0, moving=False))
+    headset.set_poses(visit.participant.make_tracking_frame(1.0, moving=False))
     visit.calibrate()
     visit.wait_for_phase("trial")
 
     headset.press_menu("left")
     visit.wait_for_phase("paused")
     assert visit.results() == ["stopped"]
-    assert [each.by for each in visit.observed if isinstance(each, session_events.Stopped)] == ["participant"]
+    assert [each.by for each in visit.observed if isinstance(each, read_session_events.Stopped)] == [
+        "participant"
+    ]
     visit.finish_phases("paused")
     visit.wait_for_phase("trial")
 

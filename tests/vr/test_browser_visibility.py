@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page
 
-from avrgym.vr.session import events as session_events
+from avrgym.vr.session import events as read_session_events
 from avrgym.vr.session.session import Session
 from helpers.browser.journey import SEATING, Journey, wait_until
 from helpers.vr.visit import constant_policies, plan
@@ -35,11 +35,13 @@ def journey(tmp_path: Path) -> Iterator[Journey]:
 
 
 def lost(journey: Journey) -> list[str]:
-    return [each.visibility for each in journey.observed if isinstance(each, session_events.VisibilityLost)]
+    return [
+        each.visibility for each in journey.observed if isinstance(each, read_session_events.VisibilityLost)
+    ]
 
 
 def seen(journey: Journey) -> int:
-    return sum(isinstance(each, session_events.VisibilityFound) for each in journey.observed)
+    return sum(isinstance(each, read_session_events.VisibilityFound) for each in journey.observed)
 
 
 def await_trial(session: Session) -> None:

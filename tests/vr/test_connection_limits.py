@@ -15,7 +15,7 @@ from test_authentication import hear, opened, participant, tell
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 
-from avrgym.vr.protocol.messages import Entered, Phase, StateChange
+from avrgym.vr.protocol.messages import PhaseDescription, VrEntered, WorldStateChange
 from avrgym.vr.server import connection_limits as gate_module
 from avrgym.vr.server.authentication import Tokens
 from avrgym.vr.server.certificate import load_or_create_certificate
@@ -73,7 +73,7 @@ def test_small_messages_are_sent_without_delay(
         gate_module, "Connection", lambda taken, host: accepted.append(taken) or known(taken, host)
     )
     with opened(server, "/watch", server.tokens.spectator) as watcher:
-        assert isinstance(hear(watcher, StateChange), StateChange)
+        assert isinstance(hear(watcher, WorldStateChange), WorldStateChange)
         assert accepted
         assert all(taken.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) for taken in accepted)
 
@@ -128,17 +128,17 @@ def test_authenticated_connections_survive_floods(
         parties = {"participant": seated, "experimenter": experimenter, "spectator": spectator}
         listening = {role: Listener(connection) for role, connection in parties.items()}
         for each in listening.values():
-            each.hears_more(StateChange)
+            each.hears_more(WorldStateChange)
         with idle_connections(server.port, 100):
             for role in parties:
                 token = {"authorization": f"Bearer {getattr(server.tokens, role)}"}
                 for path in ("/", "/spectator", "/scenes/0.glb"):
                     url = f"http://127.0.0.1:{server.port}{path}"
                     assert httpx.get(url, headers=token, timeout=TIMEOUT_S).status_code == 200
-            tell(seated, Entered())
-            listening["participant"].hears_more(Phase)
+            tell(seated, VrEntered())
+            listening["participant"].hears_more(PhaseDescription)
             for each in listening.values():
-                each.hears_more(StateChange)
+                each.hears_more(WorldStateChange)
         assert server.loop.error is None
 
 
@@ -153,7 +153,7 @@ def test_one_address_fills_no_more_than_its_share(monkeypatch: pytest.MonkeyPatc
             self.role = "spectator"  # no stranger any more
 
     with socket.create_server(("127.0.0.1", 0)) as listener, socket.socket() as unused:
-        limiter = gate_module.ConnectionLimiter(listener, Tokens.new())
+        limiter = gate_module.ConnectionLimiter(listener, Tokens.generate())
         hosts = ["192.0.2.1"] * 4 + ["192.0.2.2", "127.0.0.1", "127.0.0.1", "127.0.0.1", "192.0.2.3"]
         for port, host in enumerate(hosts):
             limiter._connections[host, port] = Taken(unused, host)
@@ -175,8 +175,8 @@ def test_silence_is_closed(
         with participant(server) as seated:
             listening = Listener(seated)
             time.sleep(0.5)
-            tell(seated, Entered())
-            listening.hears_more(StateChange)
+            tell(seated, VrEntered())
+            listening.hears_more(WorldStateChange)
 
 
 @pytest.mark.slow
@@ -225,14 +225,14 @@ def test_the_server_survives_without_free_file_handles(server: LiveServer[Sessio
             waiting.connect(("127.0.0.1", server.port))
             later.connect(("127.0.0.1", server.port))
             for _ in range(20):
-                hear(seated, StateChange)
+                hear(seated, WorldStateChange)
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
         assert time.process_time() - busy_s < TIMEOUT_S
         later.settimeout(TIMEOUT_S)
         later.sendall(request(server.port))
         assert status(later.recv(1 << 16)) == 200
-        assert isinstance(hear(seated, StateChange), StateChange)
+        assert isinstance(hear(seated, WorldStateChange), WorldStateChange)
 
 
 def test_connections_above_the_role_limit_count_as_unauthenticated(

@@ -16,14 +16,21 @@ from test_real_time_loop import FakeClock, FakeSession, await_that
 
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.recording.schema import TrackingFrame
-from avrgym.study.storage.store import Store
-from avrgym.vr.protocol.messages import TICK_S, Command, Phase, Ready, StateChange, Tracking
+from avrgym.study.storage.store import StudyStore
+from avrgym.vr.protocol.messages import (
+    TICK_S,
+    ExperimenterCommand,
+    ParticipantReady,
+    PhaseDescription,
+    TrackingFrameMessage,
+    WorldStateChange,
+)
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.server.real_time_loop import RealTimeLoop
-from avrgym.vr.session import events as session_events
+from avrgym.vr.session import events as read_session_events
 from avrgym.vr.session import session
 from avrgym.vr.session.session import Session
-from avrgym.vr.tracking.frames import MAX_SEQUENCE_GAP, MIN_RESTART_FRAMES, SequenceFilter
+from avrgym.vr.tracking.tracking_frames import MAX_SEQUENCE_GAP, MIN_RESTART_FRAMES, SequenceFilter
 from helpers.studies.small_studies import enrol_with_consent, make_study
 from helpers.system.processes import RunningServer, running_server
 from helpers.vr.visit import Visit, events, result
@@ -62,9 +69,9 @@ def test_who_is_no_longer_tracked_is_told_and_the_trial_is_repeated(visit: Calla
     lost.tracking = False
     lost.tick(130)
     assert "tracking was lost for 1 s" in lost.problems[-1]
-    assert "Tracking was lost for 1 s" in lost.received(Phase)[-1].text
-    assert any(isinstance(each, session_events.TrackingTimedOut) for each in lost.observed)
-    lost.send(Ready())
+    assert "Tracking was lost for 1 s" in lost.received(PhaseDescription)[-1].text
+    assert any(isinstance(each, read_session_events.TrackingTimedOut) for each in lost.observed)
+    lost.send(ParticipantReady())
     lost.tick()
     assert lost.phase in ("paused", "loading")
     lost.tick(50)
@@ -72,7 +79,7 @@ def test_who_is_no_longer_tracked_is_told_and_the_trial_is_repeated(visit: Calla
     assert len(lost.session.recordings) == 1
     lost.tracking = True
     lost.tick(10)
-    lost.send(Ready())
+    lost.send(ParticipantReady())
     lost.run_until("questionnaire")
     lost.answer(4, 4, 4, 4)
     first, second = lost.recordings()
@@ -106,14 +113,14 @@ def test_the_countdown_waits_for_tracking(visit: Callable[..., Visit]) -> None:
 def test_a_session_that_goes_on_without_its_participant_waits_for_them(visit: Callable[..., Visit]) -> None:
     away = visit(seeds=(3, 4))
     away.go_to("free_before")
-    away.send(Command(name="pause"))
+    away.send(ExperimenterCommand(name="pause"))
     away.tracking = False
     away.tick(200)
     for name in ("continue", "repeat", "skip"):
-        away.send(Command(name=name))
+        away.send(ExperimenterCommand(name=name))
         away.tick(20)
         assert away.phase == "paused"
-        assert "Tracking is lost" in away.received(Phase)[-1].text
+        assert "Tracking is lost" in away.received(PhaseDescription)[-1].text
     assert len(away.session.recordings) == 1
 
 
@@ -136,7 +143,7 @@ def test_the_robot_holds_within_a_second_when_a_headset_falls_silent(
     monkeypatch.setattr(session, "MAX_TICK_GAP_S", float("inf"))  # busy machines stand still
     with make_server(tmp_path) as server, participant(server) as client:
         sit_down(client)
-        client.await_message(StateChange)
+        client.await_message(WorldStateChange)
         if not answers_pings:
             client._socket.send_data = lambda: None
         await_that(lambda: server.session.phase_name in ("paused", "waiting"))
@@ -155,7 +162,7 @@ def is_applied(record: object) -> bool:
 # Frames that are out of order --------------------------------------------------------------------------------
 
 
-def numbered(frame: Tracking, sequence: int) -> Tracking:
+def numbered(frame: TrackingFrameMessage, sequence: int) -> TrackingFrameMessage:
     return msgspec.structs.replace(frame, sequence=sequence)
 
 
@@ -231,12 +238,12 @@ def test_no_trial_completes_in_which_time_was_lost(visit: Callable[..., Visit]) 
     assert result(recording) == "interrupted"
     assert events(recording)[-2:] == ["time_lost", "robot_holds"]
     assert recording.messages_by_topic["/events"][-2][1].detail == "the computer was suspended for 10.0 s"
-    (lost,) = (each for each in frozen.observed if isinstance(each, session_events.TimeLost))
+    (lost,) = (each for each in frozen.observed if isinstance(each, read_session_events.TimeLost))
     assert lost.seconds == pytest.approx(FROZEN_TICKS * TICK_S)
     assert "was suspended for 10.0 s" in frozen.problems[-1]
-    assert "The computer did not respond" in frozen.received(Phase)[-1].text
+    assert "The computer did not respond" in frozen.received(PhaseDescription)[-1].text
     frozen.tick(5)
-    frozen.send(Ready())
+    frozen.send(ParticipantReady())
     frozen.run_until("questionnaire")
     frozen.answer(4, 4, 4, 4)
     assert [result(each) for each in frozen.recordings()] == ["interrupted", "completed"]
@@ -270,7 +277,7 @@ def test_a_server_that_is_stopped_in_a_trial_says_so_when_it_goes_on(tmp_path: P
         practice_policy='""',
         free_movement_s="0.2",
     )
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         pseudonym = enrol_with_consent(store)
     with (
         running_server(folder, "--participant", pseudonym) as server,
@@ -280,9 +287,9 @@ def test_a_server_that_is_stopped_in_a_trial_says_so_when_it_goes_on(tmp_path: P
         server.process.send_signal(signal.SIGSTOP)
         time.sleep(0.8)
         server.process.send_signal(signal.SIGCONT)
-        paused = client.await_message(Phase, lambda phase: phase.name == "paused")
+        paused = client.await_message(PhaseDescription, lambda phase: phase.name == "paused")
         assert "The computer did not respond" in paused.text
-        client.await_message(StateChange, lambda state: len(stored(folder)) == 2)
+        client.await_message(WorldStateChange, lambda state: len(stored(folder)) == 2)
     state, lost = stored(folder)
     assert state == "interrupted"
     print(f"\n{lost}")
@@ -291,9 +298,9 @@ def test_a_server_that_is_stopped_in_a_trial_says_so_when_it_goes_on(tmp_path: P
 def stored(folder: Path) -> list[str]:
     """How the ended attempts of a study ended, then what is stored of lost time."""
     time.sleep(0.2)
-    with Store(folder) as store:
-        ended = [each.state for each in store.attempts("sub-001") if each.state != "running"]
-        return ended + [event.detail for event in store.events() if event.name == "time lost"]
+    with StudyStore(folder) as store:
+        ended = [each.state for each in store.read_attempts("sub-001") if each.state != "running"]
+        return ended + [event.detail for event in store.read_events() if event.name == "time lost"]
 
 
 def address_of(server: RunningServer) -> LiveServer:

@@ -30,7 +30,7 @@ def persons_joints(*, amended: bool) -> FloatArray:
     source = RepeatedAction(np.zeros((1, episodes.action_size)), amended=amended)
     for _ in range(3 * DEFAULT_SUBSTEPS):
         episodes.control_loop.tick(source)
-    return episodes.state().right_arm_pos_w
+    return episodes.get_state().right_arm_pos_w
 
 
 def test_amended_actions_do_not_change_how_people_move() -> None:

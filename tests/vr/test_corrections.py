@@ -6,36 +6,38 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from avrgym.learning.lerobot_dataset import FILE
+from avrgym.learning.lerobot_dataset import PARQUET_FILE
 from avrgym.policies.registry import resolve_session_policy
 from avrgym.recording.reader import Recording, read_recording
-from avrgym.replay.verification import verify
-from avrgym.vr.demonstration.dataset import write_demonstrations
+from avrgym.replay.verification import verify_recording
+from avrgym.vr.demonstration.dataset import write_lerobot_dataset
 from avrgym.vr.demonstration.episode_worlds import DemonstrationPlan
 from avrgym.vr.demonstration.session import DemonstrationSession
-from avrgym.vr.demonstration.simulated import demonstrate
+from avrgym.vr.demonstration.simulated_session import record_simulated_demonstrations
 from avrgym.vr.demonstration.storage import DemonstrationFolder
 from avrgym.vr.live_world.corrected_driver import CorrectedDriver
 from avrgym.vr.protocol.messages import (
     TICK_S,
-    Demonstrate,
+    ControllerPoseCommand,
+    DemonstrationCommand,
     DemonstratorDisconnected,
     Message,
     Problem,
     ReceivedMessage,
-    Steer,
     XRPose,
 )
-from avrgym.vr.session.preparation import ImmediateExecutor
+from avrgym.vr.session.world_preparation import ImmediateExecutor
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
 LEVEL = 0.0, 0.0, 0.0, 1.0
 
 
-def steer(tick: int, *, clutch: bool = True) -> Steer:
+def steer(tick: int, *, clutch: bool = True) -> ControllerPoseCommand:
     """The controller moves up by 1 mm per tick."""
     grip = XRPose((0.0, 1.0 + 0.001 * tick, 0.0), LEVEL)
-    return Steer(clutch=clutch, grip=grip, xr_from_world=XRPose((0.0, 0.0, 0.0), LEVEL), scale=1.0)
+    return ControllerPoseCommand(
+        clutch=clutch, grip=grip, xr_from_world=XRPose((0.0, 0.0, 0.0), LEVEL), scale=1.0
+    )
 
 
 def correct(folder: Path, policy: str, messages: dict[int, ReceivedMessage], steps: int) -> list[Message]:
@@ -46,20 +48,20 @@ def correct(folder: Path, policy: str, messages: dict[int, ReceivedMessage], ste
     session = DemonstrationSession(
         plan, DemonstrationFolder(folder, ENVIRONMENT), received.append, ImmediateExecutor(), driver=driver
     )
-    session.receive(Demonstrate("start"), 0.0)
+    session.receive(DemonstrationCommand("start"), 0.0)
     for tick in range(1, 10 * steps + 1):
         now_s = tick * TICK_S
         if tick in messages:
             session.receive(messages[tick], now_s)
         if tick == 10 * steps - 5:
-            session.receive(Demonstrate("success"), now_s)
+            session.receive(DemonstrationCommand("success"), now_s)
         session.tick(now_s)
     session.close(10 * steps * TICK_S)
     return received
 
 
 def recording_in(folder: Path) -> Recording:
-    (row,) = DemonstrationFolder(folder, ENVIRONMENT).rows
+    (row,) = DemonstrationFolder(folder, ENVIRONMENT).episode_rows
     return read_recording(folder / row["recording"])
 
 
@@ -81,9 +83,9 @@ def test_a_policy_continues_one_second_after_a_release_and_the_dataset_marks_cor
     assert len(commands) == 1
     assert np.any(commands[0].action)
     assert recording.configuration.policy == "revised"
-    assert verify(recording).identical
-    assert write_demonstrations(folder, tmp_path / "data") == []
-    marks = [*pd.read_parquet(tmp_path / "data" / "data" / FILE)["intervention"]]
+    assert verify_recording(recording).is_identical
+    assert write_lerobot_dataset(folder, tmp_path / "data") == []
+    marks = [*pd.read_parquet(tmp_path / "data" / "data" / PARQUET_FILE)["intervention"]]
     assert marks == [2 <= number < 4 for number in range(20)]
 
 
@@ -130,7 +132,7 @@ def test_a_simulated_demonstrator_corrects_a_policy_that_does_not_move(tmp_path:
     session = DemonstrationSession(
         plan, folder, lambda message: None, ImmediateExecutor(), driver=driver, driven_by="simulated"
     )
-    demonstrate(session, seed=0)
+    record_simulated_demonstrations(session, seed=0)
     recording = recording_in(tmp_path)
     drivers = [step.driver for _, step in recording.messages_by_topic["/control"]]
     assert drivers[:10] == ["zero"] * 10

@@ -7,15 +7,15 @@ import pytest
 from test_real_time_loop import FakeSession, run
 
 from avrgym.vr.server import cpu_idle
-from avrgym.vr.server.cpu_idle import DRIVER_FILE, LATENCY_FILE, ZERO_LATENCY, CpuIdlePrevention
+from avrgym.vr.server.cpu_idle import CPU_IDLE_DRIVER_FILE, CPU_LATENCY_FILE, ZERO_LATENCY, CpuIdlePrevention
 
 
 @pytest.fixture
 def guest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A virtual machine's file of latencies."""
     (tmp_path / "driver").write_text("haltpoll\n")
-    monkeypatch.setattr(cpu_idle, "DRIVER_FILE", tmp_path / "driver")
-    monkeypatch.setattr(cpu_idle, "LATENCY_FILE", tmp_path / "latency")
+    monkeypatch.setattr(cpu_idle, "CPU_IDLE_DRIVER_FILE", tmp_path / "driver")
+    monkeypatch.setattr(cpu_idle, "CPU_LATENCY_FILE", tmp_path / "latency")
     return tmp_path / "latency"
 
 
@@ -42,9 +42,9 @@ def test_idle_states_are_prevented_until_released(guest: Path) -> None:
 
 @pytest.mark.parametrize("driver", ["intel_idle", "none", None])
 def test_physical_machines_are_not_changed(guest: Path, driver: str | None) -> None:
-    cpu_idle.DRIVER_FILE.unlink()
+    cpu_idle.CPU_IDLE_DRIVER_FILE.unlink()
     if driver:
-        cpu_idle.DRIVER_FILE.write_text(f"{driver}\n")
+        cpu_idle.CPU_IDLE_DRIVER_FILE.write_text(f"{driver}\n")
     CpuIdlePrevention().set_enabled(True)
     assert not guest.exists()
 
@@ -69,7 +69,7 @@ def test_the_loop_keeps_processors_awake_while_something_moves(
         keep(kept, awake)
 
     def rest(ticks: int) -> None:
-        session.at_rest = ticks <= 3
+        session.is_at_rest = ticks <= 3
 
     monkeypatch.setattr(CpuIdlePrevention, "set_enabled", note)
     session = FakeSession(rest)
@@ -80,15 +80,15 @@ def test_the_loop_keeps_processors_awake_while_something_moves(
 
 
 @pytest.mark.skipif(
-    not DRIVER_FILE.exists()
-    or DRIVER_FILE.read_text().strip() != cpu_idle.GUEST_IDLE_DRIVER
-    or not os.access(LATENCY_FILE, os.R_OK | os.W_OK),
+    not CPU_IDLE_DRIVER_FILE.exists()
+    or CPU_IDLE_DRIVER_FILE.read_text().strip() != cpu_idle.GUEST_IDLE_DRIVER
+    or not os.access(CPU_LATENCY_FILE, os.R_OK | os.W_OK),
     reason="only a virtual machine whose system can keep processors awake, and lets this user, shows it",
 )
 def test_the_system_hears_it() -> None:
     kept = CpuIdlePrevention()
-    before = LATENCY_FILE.read_bytes()
+    before = CPU_LATENCY_FILE.read_bytes()
     kept.set_enabled(True)
-    assert LATENCY_FILE.read_bytes() == ZERO_LATENCY
+    assert CPU_LATENCY_FILE.read_bytes() == ZERO_LATENCY
     kept.set_enabled(False)
-    assert LATENCY_FILE.read_bytes() == before
+    assert CPU_LATENCY_FILE.read_bytes() == before

@@ -6,28 +6,28 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from avrgym.learning.lerobot_dataset import FILE
+from avrgym.learning.lerobot_dataset import PARQUET_FILE
 from avrgym.recording.reader import read_recording
-from avrgym.replay.verification import verify
-from avrgym.vr.demonstration.dataset import write_demonstrations
+from avrgym.replay.verification import verify_recording
+from avrgym.vr.demonstration.dataset import write_lerobot_dataset
 from avrgym.vr.demonstration.episode_worlds import DemonstrationPlan
 from avrgym.vr.demonstration.session import DemonstrationSession
-from avrgym.vr.demonstration.simulated import demonstrate
-from avrgym.vr.demonstration.storage import RECORDINGS, DemonstrationFolder, EpisodeRow
+from avrgym.vr.demonstration.simulated_session import record_simulated_demonstrations
+from avrgym.vr.demonstration.storage import RECORDINGS_FOLDER, DemonstrationFolder, EpisodeRow
 from avrgym.vr.protocol.messages import (
     TICK_S,
-    Demonstrate,
+    ControllerPoseCommand,
     DemonstrationButton,
+    DemonstrationCommand,
     DemonstrationProgress,
     DemonstratorDisconnected,
-    Drive,
     Message,
     Problem,
     Scene,
-    Steer,
+    VelocityCommand,
     XRPose,
 )
-from avrgym.vr.session.preparation import ImmediateExecutor
+from avrgym.vr.session.world_preparation import ImmediateExecutor
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
 
@@ -45,24 +45,24 @@ def row(episode: int, **changes: object) -> EpisodeRow:
 def test_a_folder_is_continued_and_counts_marks(tmp_path: Path) -> None:
     folder = DemonstrationFolder(tmp_path / "d", ENVIRONMENT)
     for each in (row(1), row(2, success=False), row(3, result="discarded", success=False)):
-        folder.append(each)
+        folder.append_episode(each)
     again = DemonstrationFolder(tmp_path / "d", ENVIRONMENT)
-    assert (again.count("completed"), again.count("completed", success=True)) == (2, 1)
-    assert (again.count("discarded"), again.num_samples) == (1, 4)
+    assert (again.count_episodes("completed"), again.count_episodes("completed", success=True)) == (2, 1)
+    assert (again.count_episodes("discarded"), again.num_samples) == (1, 4)
 
 
 def test_a_folder_with_other_contents_is_refused_and_unchanged(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(ValueError, match="contains other files; give --out an empty or new folder"):
         DemonstrationFolder(tmp_path, ENVIRONMENT)
-    DemonstrationFolder(tmp_path / "d", ENVIRONMENT).append(row(1))
+    DemonstrationFolder(tmp_path / "d", ENVIRONMENT).append_episode(row(1))
     with pytest.raises(ValueError, match="demonstrations of avrgym/FeedingJaco-v1; give --out another"):
         DemonstrationFolder(tmp_path / "d", "avrgym/FeedingPR2-v1")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["d", "notes.txt"]
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"people": ("nobody",)}, {"environment": "avrgym/No-v1"}, {"impairment": "no"}]
+    "wrong", [{"population_names": ("nobody",)}, {"environment": "avrgym/No-v1"}, {"impairment": "no"}]
 )
 def test_unknown_names_are_refused_with_the_allowed_ones(wrong: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="allowed"):
@@ -79,13 +79,13 @@ def test_buttons_start_discard_and_end_episodes_with_other_people(tmp_path: Path
 
     def press(button: DemonstrationButton, ticks: int) -> None:
         nonlocal now_s
-        session.receive(Demonstrate(button), now_s)
+        session.receive(DemonstrationCommand(button), now_s)
         for _ in range(ticks):
             now_s += TICK_S
             session.tick(now_s)
 
     press("success", 5)
-    assert (session.stage, folder.rows) == ("ready", [])
+    assert (session.stage, folder.episode_rows) == ("ready", [])
     press("start", 15)
     press("discard", 5)
     assert session.stage == "ready"
@@ -93,11 +93,13 @@ def test_buttons_start_discard_and_end_episodes_with_other_people(tmp_path: Path
     press("success", 20)
     assert session.stage == "finished"
     session.close(now_s)
-    assert [(each["episode"], each["attempt"], each["result"], each["success"]) for each in folder.rows] == [
+    assert [
+        (each["episode"], each["attempt"], each["result"], each["success"]) for each in folder.episode_rows
+    ] == [
         ("1", "1", "discarded", "False"),
         ("1", "2", "completed", "True"),
     ]
-    assert [each["people"] for each in folder.rows] == ["zoo/train", "participants"]
+    assert [each["people"] for each in folder.episode_rows] == ["zoo/train", "participants"]
     assert len([message for message in received if isinstance(message, Scene)]) == 2
     progress = [message for message in received if isinstance(message, DemonstrationProgress)][-1]
     assert (progress.stage, progress.completed, progress.successes, progress.discarded) == (
@@ -106,18 +108,18 @@ def test_buttons_start_discard_and_end_episodes_with_other_people(tmp_path: Path
         1,
         1,
     )
-    for each, result in zip(folder.rows, ("repeated", "completed"), strict=True):
+    for each, result in zip(folder.episode_rows, ("repeated", "completed"), strict=True):
         recording = read_recording(tmp_path / each["recording"])
         assert recording.outcome is not None
         assert recording.outcome.result == result
-        assert verify(recording).identical
-    assert write_demonstrations(tmp_path, tmp_path / "dataset") == []
-    frames = pd.read_parquet(tmp_path / "dataset" / "data" / FILE)
+        assert verify_recording(recording).is_identical
+    assert write_lerobot_dataset(tmp_path, tmp_path / "dataset") == []
+    frames = pd.read_parquet(tmp_path / "dataset" / "data" / PARQUET_FILE)
     control = [step for _, step in recording.messages_by_topic["/control"]]
     np.testing.assert_array_equal(
         np.stack([*frames["action"]]), np.array([step.action for step in control], np.float32)
     )
-    (about,) = pd.read_parquet(tmp_path / "dataset" / "meta" / "episodes" / FILE).to_dict("records")
+    (about,) = pd.read_parquet(tmp_path / "dataset" / "meta" / "episodes" / PARQUET_FILE).to_dict("records")
     assert (about["demonstration/attempt"], about["length"]) == ("2", len(control))
 
 
@@ -125,14 +127,14 @@ def test_folders_that_cannot_be_exported_are_refused_in_words(tmp_path: Path) ->
     with pytest.raises(
         ValueError, match=r"contains no demonstrations\.csv; allowed: a folder of `avrgym demonstrate`"
     ):
-        write_demonstrations(tmp_path, tmp_path / "out")
+        write_lerobot_dataset(tmp_path, tmp_path / "out")
     folder = DemonstrationFolder(tmp_path / "d", ENVIRONMENT)
-    folder.append(row(1, success=False))
+    folder.append_episode(row(1, success=False))
     with pytest.raises(ValueError, match="no completed episode with a success mark; press A or Success"):
-        write_demonstrations(tmp_path / "d", tmp_path / "out")
-    folder.append(row(2))
+        write_lerobot_dataset(tmp_path / "d", tmp_path / "out")
+    folder.append_episode(row(2))
     with pytest.raises(ValueError, match=r"no recording can be read: r\.mcap: .*; restore a backup"):
-        write_demonstrations(tmp_path / "d", tmp_path / "out")
+        write_lerobot_dataset(tmp_path / "d", tmp_path / "out")
     assert [each.name for each in tmp_path.iterdir()] == ["d"]
 
 
@@ -145,14 +147,14 @@ def test_one_person_drives_and_after_they_leave_the_robot_holds_and_the_episode_
     plan = DemonstrationPlan(ENVIRONMENT, episodes=1, steps=5)
     session = DemonstrationSession(plan, folder, received.append, ImmediateExecutor())
     level = XRPose((0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    steer = Steer(clutch=True, grip=level, xr_from_world=level, scale=1.0)
-    drive = Drive(engaged=True, linear=(0.0, 0.0, 1.0), angular=(0.0, 0.0, 0.0))
+    steer = ControllerPoseCommand(clutch=True, grip=level, xr_from_world=level, scale=1.0)
+    drive = VelocityCommand(engaged=True, linear=(0.0, 0.0, 1.0), angular=(0.0, 0.0, 0.0))
     leaves = DemonstratorDisconnected()
-    (tmp_path / RECORDINGS).touch()
-    session.receive(Demonstrate("start"), 0.0)
+    (tmp_path / RECORDINGS_FOLDER).touch()
+    session.receive(DemonstrationCommand("start"), 0.0)
     assert session.stage == "ready"
-    (tmp_path / RECORDINGS).unlink()
-    session.receive(Demonstrate("start"), 0.0)
+    (tmp_path / RECORDINGS_FOLDER).unlink()
+    session.receive(DemonstrationCommand("start"), 0.0)
     for tick in range(1, 60):
         for message in {5: [steer, drive], 15: [leaves], 25: [drive]}.get(tick, []):
             session.receive(message, tick * TICK_S)
@@ -161,7 +163,7 @@ def test_one_person_drives_and_after_they_leave_the_robot_holds_and_the_episode_
     problems = [(each.role, each.message) for each in received if isinstance(each, Problem)]
     assert problems[0][1].startswith("the episode cannot be recorded: ")
     assert problems[1:] == [("experimenter", "the demonstrator drives the robot; wait until they release it")]
-    (only,) = folder.rows
+    (only,) = folder.episode_rows
     assert (only["result"], only["success"], only["driven_by"]) == ("completed", "False", "operator")
     recording = read_recording(tmp_path / only["recording"])
     names = [event.name for _, event in recording.messages_by_topic["/events"]]
@@ -174,7 +176,7 @@ def test_one_person_drives_and_after_they_leave_the_robot_holds_and_the_episode_
         ("operator", False),
         ("operator", True),
     ]
-    assert verify(recording).identical
+    assert verify_recording(recording).is_identical
 
 
 @pytest.mark.slow
@@ -184,12 +186,12 @@ def test_a_simulated_demonstrator_succeeds_with_a_headsets_messages(tmp_path: Pa
     session = DemonstrationSession(
         plan, folder, lambda message: None, ImmediateExecutor(), driven_by="simulated"
     )
-    demonstrate(session, seed=0)
-    (only,) = folder.rows
+    record_simulated_demonstrations(session, seed=0)
+    (only,) = folder.episode_rows
     assert (only["success"], only["task_success"], only["driven_by"]) == ("True", "True", "simulated")
     recording = read_recording(tmp_path / only["recording"])
     control = [step for _, step in recording.messages_by_topic["/control"]]
     assert {step.driver for step in control[1:]} <= {"demonstrator", "operator"}
     assert sum(step.driver == "demonstrator" for step in control) > 0.8 * len(control)
     assert np.abs([step.action for step in control]).max() <= 1.0
-    assert verify(recording).identical
+    assert verify_recording(recording).is_identical

@@ -7,17 +7,17 @@ import pytest
 
 from avrgym.geometry import transforms
 from avrgym.models.scene import SCENE_TOOL_BODY
-from avrgym.replay.verification import verify
-from avrgym.vr.live_world.drivers import OPERATOR_TIMEOUT_S, OperatorDriver
+from avrgym.replay.verification import verify_recording
+from avrgym.vr.live_world.drivers import OPERATOR_COMMAND_TIMEOUT_S, OperatorDriver
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import (
     TICK_S,
+    ControllerPoseCommand,
     DemonstratorDisconnected,
-    Drive,
     Problem,
-    Status,
-    Steer,
+    SessionStatus,
     ToolForce,
+    VelocityCommand,
     XRPose,
 )
 from avrgym.vr.protocol.webxr import Pose, Registration
@@ -32,9 +32,9 @@ FLOOR = Registration(np.array([0.4, -1.1, 0.0]), 0.7)
 
 def steer(
     pos_w: np.ndarray, *, clutch: bool = True, floor: Registration = FLOOR, scale: float = 1.0
-) -> Steer:
+) -> ControllerPoseCommand:
     grip = floor.from_world(Pose(np.asarray(pos_w, float), transforms.IDENTITY_QUATERNION))
-    return Steer(clutch=clutch, grip=grip, xr_from_world=floor.xr_from_world(), scale=scale)
+    return ControllerPoseCommand(clutch=clutch, grip=grip, xr_from_world=floor.xr_from_world(), scale=scale)
 
 
 def in_trial(folder: Path, steps: int = 40) -> Visit:
@@ -44,7 +44,7 @@ def in_trial(folder: Path, steps: int = 40) -> Visit:
 
 
 def tool_pos_w(world: LiveWorld) -> np.ndarray:
-    return world.simulation.body_poses(0)[world.bodies.index(SCENE_TOOL_BODY), :3].copy()
+    return world.simulation.get_body_poses(0)[world.bodies.index(SCENE_TOOL_BODY), :3].copy()
 
 
 def steer_along(visit: Visit, start: np.ndarray, step: np.ndarray, ticks: int, **how: object) -> np.ndarray:
@@ -82,17 +82,17 @@ def test_without_fresh_poses_the_robot_holds_and_continues_without_a_jump(tmp_pa
     visit = in_trial(tmp_path)
     visit.send(steer(np.zeros(3)))
     end = steer_along(visit, np.zeros(3), np.array([0.0, -0.002, 0.0]), 30)
-    visit.tick(round(OPERATOR_TIMEOUT_S / TICK_S) + 2)
+    visit.tick(round(OPERATOR_COMMAND_TIMEOUT_S / TICK_S) + 2)
     driver = visit.session._state.driver
     assert isinstance(driver, OperatorDriver)
-    assert driver.idle
+    assert driver.is_idle
     held = tool_pos_w(visit.session.world)
     visit.send(steer(end + 0.5))
     visit.tick(10)
     assert np.linalg.norm(tool_pos_w(visit.session.world) - held) < 5e-3
-    lost = Steer(clutch=True, grip=None, xr_from_world=FLOOR.xr_from_world(), scale=1.0)
+    lost = ControllerPoseCommand(clutch=True, grip=None, xr_from_world=FLOOR.xr_from_world(), scale=1.0)
     visit.send(steer(end + 0.5), lost)
-    assert driver.idle
+    assert driver.is_idle
 
 
 def test_invalid_poses_hold_the_robot(tmp_path: Path) -> None:
@@ -104,14 +104,16 @@ def test_invalid_poses_hold_the_robot(tmp_path: Path) -> None:
         (flat, FLOOR.xr_from_world()),
         (XRPose((0, 1, 0), LEVEL), nowhere),
     ):
-        visit.send(steer(np.zeros(3)), Steer(clutch=True, grip=grip, xr_from_world=view, scale=1.0))
-        assert visit.session._state.driver.idle
+        visit.send(
+            steer(np.zeros(3)), ControllerPoseCommand(clutch=True, grip=grip, xr_from_world=view, scale=1.0)
+        )
+        assert visit.session._state.driver.is_idle
     visit.tick(5)
 
 
 def test_only_one_person_drives_and_every_step_records_who(tmp_path: Path) -> None:
     visit = in_trial(tmp_path, steps=12)
-    drive = Drive(engaged=True, linear=UP, angular=(0.0, 0.0, 0.0))
+    drive = VelocityCommand(engaged=True, linear=UP, angular=(0.0, 0.0, 0.0))
     for _ in range(30):
         visit.send(steer(np.zeros(3)), drive)
         visit.tick()
@@ -122,7 +124,7 @@ def test_only_one_person_drives_and_every_step_records_who(tmp_path: Path) -> No
         visit.tick()
     assert visit.problems[1:] == ["the operator drives the robot; wait until they release it"]
     assert [problem.role for problem in visit.received(Problem)] == ["experimenter", "demonstrator"]
-    assert visit.received(Status)[-1].operated
+    assert visit.received(SessionStatus)[-1].operated
     visit.run_until("questionnaire")
     visit.answer(1, 2, 3, 4)
     visit.leave()
@@ -130,7 +132,7 @@ def test_only_one_person_drives_and_every_step_records_who(tmp_path: Path) -> No
     drivers = [step.driver for _, step in recording.messages_by_topic["/control"]]
     assert drivers[:3] == ["demonstrator"] * 3
     assert drivers[4:6] == ["operator"] * 2
-    assert verify(recording).identical
+    assert verify_recording(recording).is_identical
 
 
 def test_a_demonstrator_who_leaves_in_contact_holds_the_robot(tmp_path: Path) -> None:
@@ -139,24 +141,24 @@ def test_a_demonstrator_who_leaves_in_contact_holds_the_robot(tmp_path: Path) ->
     pos_w = np.zeros(3)
     visit.send(steer(pos_w))
     for _ in range(400):
-        head = world.simulation.state().mouth_pos_w[0]
+        head = world.simulation.get_state().mouth_pos_w[0]
         to_person = head - tool_pos_w(world)
         pos_w = pos_w + 0.002 * to_person / np.linalg.norm(to_person)
         visit.send(steer(pos_w))
         visit.tick()
-        if world.simulation.tool_force_n()[0] > 0.5:
+        if world.simulation.get_tool_net_force_n()[0] > 0.5:
             break
-    assert world.simulation.tool_force_n()[0] > 0.5
+    assert world.simulation.get_tool_net_force_n()[0] > 0.5
     visit.send(DemonstratorDisconnected())
     visit.tick()
-    assert visit.session._state.driver.idle
+    assert visit.session._state.driver.is_idle
     assert "the demonstrator left and does not drive the robot any more" in " ".join(visit.problems)
     visit.tick(20)
     assert max(message.force_n for message in visit.received(ToolForce)) > 0.0
     visit.leave()
     (recording,) = visit.recordings()
     assert "driver_left" in events(recording)
-    assert verify(recording).identical
+    assert verify_recording(recording).is_identical
 
 
 @pytest.mark.parametrize("steered", [True, False])

@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, Page, TimeoutError, sync_playwright
 
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item
 from avrgym.recording.input_profile import InputProfile
-from avrgym.recording.presentation import Presentation
+from avrgym.recording.presentation import PresentationPreferences
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session import events
@@ -51,7 +51,7 @@ def sessions(tmp_path: Path) -> Iterator[Callable[..., LiveServer]]:
             trials: Sequence[TrialPlan] = (TrialPlan(ENVIRONMENT, "drive", seed=3, practice=False),),
             **plan,
         ) -> LiveServer:
-            whole = SessionPlan(list(trials), "woman", 0.3, simulated=True, countdown_s=0.3, **plan)
+            whole = SessionPlan(list(trials), "woman", 0.3, is_simulated=True, countdown_s=0.3, **plan)
 
             def make(send) -> Session:
                 how = {"observe": observed, "workers": workers}
@@ -111,7 +111,7 @@ def test_axe_finds_no_violations_during_trials(
     found["paused"] = violations(page)
     page.close()
     for role, token in (("experimenter", server.tokens.experimenter), ("spectator", server.tokens.spectator)):
-        watching = opened_page(browser, server.page_urls("spectator", token)[0], *size)
+        watching = opened_page(browser, server.list_page_urls("spectator", token)[0], *size)
         watching.get_by_role("main").wait_for()
         found[role] = violations(watching)
         watching.close()
@@ -122,9 +122,14 @@ PARTICIPANTS = {
     "keyboard": (SIZES[0], InputProfile()),
     "one switch": (
         SIZES[1],
-        InputProfile("one-switch", presentation=Presentation(2.0, contrast="high", position="right")),
+        InputProfile(
+            "one-switch", presentation=PresentationPreferences(2.0, contrast="high", position="right")
+        ),
     ),
-    "two switches": (SIZES[0], InputProfile("two-switches", presentation=Presentation(3.0, captions=True))),
+    "two switches": (
+        SIZES[0],
+        InputProfile("two-switches", presentation=PresentationPreferences(3.0, captions=True)),
+    ),
 }
 
 

@@ -13,11 +13,11 @@ from avrgym.analysis.reading.study_data import count_guard_interventions
 from avrgym.cli.main import app
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.replay.playback import compute_region_loads
-from avrgym.replay.verification import verify
-from avrgym.safety.force_guard import INTERVENTION_EVENT, INTERVENTION_FORCE_SHARE, RELEASE_EVENT
+from avrgym.replay.verification import verify_recording
+from avrgym.safety.force_guard import INTERVENTION_EVENT, INTERVENTION_FORCE_LIMIT_FRACTION, RELEASE_EVENT
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.tasks.registry import TASKS
-from avrgym.vr.protocol.messages import Status
+from avrgym.vr.protocol.messages import SessionStatus
 from helpers.vr.visit import Visit, constant_policy, plan
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
@@ -29,21 +29,21 @@ TRIAL_STEPS = 24
 class Trial(NamedTuple):
     path: Path
     recording: Recording
-    statuses: list[Status]
+    statuses: list[SessionStatus]
 
 
 def recorded(folder: Path, *, force_guard: bool) -> Trial:
     """A trial whose robot is driven at a person who keeps still."""
     driven = replace(constant_policy(SCRATCHING), biases=(TOWARDS_THE_HAND,))
-    trial = replace(plan(environments=[SCRATCHING], trial_steps=TRIAL_STEPS), force_guard=force_guard)
+    trial = replace(plan(environments=[SCRATCHING], trial_steps=TRIAL_STEPS), has_force_guard=force_guard)
     visit = Visit(folder, trial, {(SCRATCHING, "drive"): driven})
-    visit.pose_rad = TASKS["ScratchItch"].pose.rest_rad
+    visit.pose_rad = TASKS["ScratchItch"].pose_distribution.rest_angles_rad
     visit.calibrate()
     visit.run_until("questionnaire")
     visit.answer(1, 2, 3, 4)
     visit.leave()
     (path,) = visit.session.recordings
-    return Trial(path, read_recording(path), visit.received(Status))
+    return Trial(path, read_recording(path), visit.received(SessionStatus))
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def happened(trial: Trial) -> list[tuple[str, str]]:
 
 @pytest.mark.slow
 def test_a_session_is_guarded_unless_it_says_otherwise(guarded: Trial, unguarded: Trial) -> None:
-    assert plan().force_guard
+    assert plan().has_force_guard
     assert guarded.recording.configuration.force_guard is True
     assert unguarded.recording.configuration.force_guard is False
 
@@ -89,7 +89,7 @@ def test_every_intervention_is_an_event_with_region_and_force(guarded: Trial, un
         if name == INTERVENTION_EVENT:
             region, force, unit, *_, limit, _ = detail.split()
             assert unit == "N,"
-            assert float(force) > INTERVENTION_FORCE_SHARE * limits[region]
+            assert float(force) > INTERVENTION_FORCE_LIMIT_FRACTION * limits[region]
             assert float(limit) == limits[region]
 
 
@@ -101,16 +101,16 @@ def test_who_watches_sees_which_region_bears_most(guarded: Trial, unguarded: Tri
         assert all(status.force_region in names for status in pressed)
         rest = [status for status in trial.statuses if not status.force_share]
         assert {(status.force_region, status.retracting) for status in rest} <= {("", False), ("", True)}
-    assert max(status.force_share for status in unguarded.statuses) > INTERVENTION_FORCE_SHARE
+    assert max(status.force_share for status in unguarded.statuses) > INTERVENTION_FORCE_LIMIT_FRACTION
     assert all(status.phase == "trial" for status in guarded.statuses if status.retracting)
 
 
 def test_a_participant_bears_less_with_it(guarded: Trial, unguarded: Trial) -> None:
     peaks = [
-        (compute_region_loads(trial.recording).peak_n / QUASI_STATIC_LIMIT_N).max()
+        (compute_region_loads(trial.recording).peak_force_n / QUASI_STATIC_LIMIT_N).max()
         for trial in (guarded, unguarded)
     ]
-    assert INTERVENTION_FORCE_SHARE < peaks[0] < peaks[1]
+    assert INTERVENTION_FORCE_LIMIT_FRACTION < peaks[0] < peaks[1]
 
 
 def test_what_the_guard_makes_of_an_action_is_what_is_recorded(guarded: Trial, unguarded: Trial) -> None:
@@ -131,10 +131,10 @@ def test_what_the_guard_makes_of_an_action_is_what_is_recorded(guarded: Trial, u
 
 def test_both_replay_bit_by_bit(guarded: Trial, unguarded: Trial) -> None:
     for trial in (guarded, unguarded):
-        found = verify(trial.recording)
-        assert found.complete
-        assert found.identical
-        assert found.steps == TRIAL_STEPS
+        found = verify_recording(trial.recording)
+        assert found.is_complete
+        assert found.is_identical
+        assert found.num_steps == TRIAL_STEPS
 
 
 def test_replay_shows_forces_by_region(guarded: Trial, tmp_path: Path) -> None:
@@ -143,5 +143,5 @@ def test_replay_shows_forces_by_region(guarded: Trial, tmp_path: Path) -> None:
     assert shown.exit_code == 0, shown.output
     loads = compute_region_loads(guarded.recording)
     for index, region in enumerate(BODY_REGIONS):
-        assert (f" {region.name} " in shown.stdout) == bool(loads.peak_n[0, index])
-    assert f'"peak_n": {loads.peak_n.max()}' in file.read_text()
+        assert (f" {region.name} " in shown.stdout) == bool(loads.peak_force_n[0, index])
+    assert f'"peak_n": {loads.peak_force_n.max()}' in file.read_text()

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from avrgym.array_types import FloatArray
 from avrgym.models.collision_bits import VISUAL_GROUP
-from avrgym.vr.scene.geom_meshes import MAX_DETAILED_TRIANGLES, geom_mesh, pose_matrix
+from avrgym.vr.scene.geom_meshes import MAX_UNSIMPLIFIED_TRIANGLES, make_geom_mesh, make_pose_matrix
 from helpers.robots.example_robots import ALL_ROBOTS, robot_model
 
 LEAST_AREA, MOST_AREA = 0.97, 1.03
@@ -30,7 +30,7 @@ def robot_meshes(name: str) -> list[tuple[str, trimesh.Trimesh, trimesh.Trimesh]
     meshes, geoms = np.unique(model.geom_dataid[is_mesh], return_index=True)
     shown = np.flatnonzero(is_mesh)[geoms]
     return [
-        (model.mesh(mesh).name, as_stored(model, geom), geom_mesh(model, geom))
+        (model.mesh(mesh).name, as_stored(model, geom), make_geom_mesh(model, geom))
         for mesh, geom in zip(meshes.tolist(), shown.tolist(), strict=True)
     ]
 
@@ -40,7 +40,7 @@ def as_stored(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
     vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
     faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
     stored = trimesh.Trimesh(vertices, faces, process=False)
-    return stored.apply_transform(pose_matrix(model.geom_pos[geom], model.geom_quat[geom]))
+    return stored.apply_transform(make_pose_matrix(model.geom_pos[geom], model.geom_quat[geom]))
 
 
 def distances_m(one: trimesh.Trimesh, other: trimesh.Trimesh) -> FloatArray:
@@ -63,7 +63,7 @@ def distances_m(one: trimesh.Trimesh, other: trimesh.Trimesh) -> FloatArray:
 @pytest.mark.parametrize("name", ALL_ROBOTS)
 def test_a_simplified_mesh_keeps_its_surface(name: str) -> None:
     """Also where a file stores each triangle by itself."""
-    simplified = [each for each in robot_meshes(name) if len(each[1].faces) > MAX_DETAILED_TRIANGLES]
+    simplified = [each for each in robot_meshes(name) if len(each[1].faces) > MAX_UNSIMPLIFIED_TRIANGLES]
     off = {
         mesh: np.concatenate([distances_m(stored, shown), distances_m(shown, stored)])
         for mesh, stored, shown in simplified
@@ -102,7 +102,7 @@ def test_triangles_with_vertices_of_their_own_are_simplified_as_one_surface() ->
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
     )
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="ball", group=VISUAL_GROUP)
-    shown = geom_mesh(spec.compile(), 0)
+    shown = make_geom_mesh(spec.compile(), 0)
     assert len(shown.faces) < len(ball.faces) / 2
     assert shown.area > LEAST_AREA * ball.area
     np.testing.assert_allclose(np.linalg.norm(shown.vertices, axis=1), 0.1, rtol=0.01)

@@ -5,7 +5,14 @@ from pathlib import Path
 import pytest
 
 from avrgym.recording.reader import Recording
-from avrgym.vr.protocol.messages import Back, Command, Left, ParticipantDisconnected, Question, Ready
+from avrgym.vr.protocol.messages import (
+    ExperimenterCommand,
+    ParticipantDisconnected,
+    ParticipantReady,
+    PreviousQuestionRequest,
+    Question,
+    VrLeft,
+)
 from avrgym.vr.session.events import AnswerChanged, Answered
 from helpers.vr.visit import Visit, plan
 
@@ -24,26 +31,26 @@ def recorded(recording: Recording) -> list[tuple[str, int]]:
 
 
 def test_answers_are_changed_until_they_are_confirmed(asked: Visit) -> None:
-    asked.send(Back())
+    asked.send(PreviousQuestionRequest())
     assert "no earlier question" in asked.problems[-1]
     asked.answer(1, 2)
-    asked.send(Back())
+    asked.send(PreviousQuestionRequest())
     question: Question = asked.received(Question)[-1]
     assert (question.item, question.number, question.previous_answer) == ("L2", 2, 2)
     asked.answer(5, 3, 4)
     assert asked.phase == "confirm"
-    asked.send(Back(), Back())
+    asked.send(PreviousQuestionRequest(), PreviousQuestionRequest())
     assert (asked.phase, asked.received(Question)[-1].item) == ("questionnaire", "L3")
     asked.answer(3, 6)  # the first as before
     changed = [each.answer for each in asked.observed if isinstance(each, AnswerChanged)]
     assert [(each.item, each.value) for each in changed] == [("L2", 5), ("L4", 6)]
     assert sum(isinstance(each, Answered) for each in asked.observed) == 6
-    asked.send(Ready())
+    asked.send(ParticipantReady())
     asked.run_until("ready")
     asked.tick(200)
     assert (asked.phase, asked.session.trial_index) == ("ready", 1)
     first = asked.recordings()[0]
-    assert first.complete
+    assert first.is_complete
     assert recorded(first) == [("L1", 1), ("L2", 2), ("L2", 5), ("L3", 3), ("L4", 4), ("L4", 6)]
     asked.leave()
 
@@ -51,15 +58,15 @@ def test_answers_are_changed_until_they_are_confirmed(asked: Visit) -> None:
 @pytest.mark.parametrize(
     ("how", "phase"),
     [
-        (Left(), "waiting"),
+        (VrLeft(), "waiting"),
         (ParticipantDisconnected(), "waiting"),
-        (Command("skip"), "ready"),
-        (Command("end"), "finished"),
+        (ExperimenterCommand("skip"), "ready"),
+        (ExperimenterCommand("end"), "finished"),
     ],
     ids=["left", "disconnected", "skip", "end"],
 )
 def test_who_does_not_confirm_loses_nothing(
-    asked: Visit, how: Left | ParticipantDisconnected | Command, phase: str
+    asked: Visit, how: VrLeft | ParticipantDisconnected | ExperimenterCommand, phase: str
 ) -> None:
     asked.answer(1, 2, 3, 4)
     asked.send(how)
@@ -73,7 +80,7 @@ def test_who_does_not_confirm_loses_nothing(
 
 def test_who_repeats_a_trial_gives_its_answers_anew(asked: Visit) -> None:
     asked.answer(1, 2, 3, 4)
-    asked.send(Command("repeat"))
+    asked.send(ExperimenterCommand("repeat"))
     assert asked.recordings()[0].outcome is not None
     asked.confirms = True
     asked.run_until("questionnaire")
@@ -89,6 +96,6 @@ def test_no_trial_begins_before_its_participant_is_ready(tmp_path: Path) -> None
     visit.run_until("ready")
     visit.tick(300)
     assert (visit.phase, len(visit.session.recordings)) == ("ready", 1)
-    visit.send(Ready())
+    visit.send(ParticipantReady())
     visit.run_until("trial")
     visit.leave()

@@ -11,15 +11,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from test_authentication import hear, participant, tell
 
-from avrgym.study.dashboard.application import PARTICIPANT_ACTIONS, dashboard_app
-from avrgym.study.storage.store import Store
+from avrgym.study.dashboard.application import PARTICIPANT_ACTIONS, make_dashboard_app
+from avrgym.study.storage.store import StudyStore
 from avrgym.vr.protocol import messages
 from avrgym.vr.server import connection_limits as gate_module
 from avrgym.vr.server.authentication import Tokens
 from avrgym.vr.server.connection_limits import ConnectionLimiter
 from avrgym.vr.server.http_protocols import MAX_MESSAGE_FRAGMENTS
 from avrgym.vr.server.live_server import LiveServer
-from avrgym.vr.server.response_headers import security_headers
+from avrgym.vr.server.response_headers import make_security_headers
 from avrgym.vr.server.web_server import WebServer, open_listener
 from avrgym.vr.session.session import Session
 from helpers.studies.small_studies import make_study
@@ -57,12 +57,12 @@ INSIDE = (b"Traceback", b"site-packages", b".py", b"Error(", b"uvicorn", b"starl
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer[Session]]:
     folder = tmp_path_factory.mktemp("served")
     with (
-        Store(make_study(folder / "study", tasks='["Feeding"]')) as store,
+        StudyStore(make_study(folder / "study", tasks='["Feeding"]')) as store,
         LiveServer(
             lambda send: Session(PLAN, constant_policies(PLAN), folder, send, "test"),
             "127.0.0.1",
             0,
-            study=lambda tokens, _session: dashboard_app(store, tokens),
+            study=lambda tokens, _session: make_dashboard_app(store, tokens),
         ) as server,
     ):
         yield server
@@ -88,7 +88,7 @@ def field(name: str, value: str, port: int) -> bytes:
 def assert_guarded(answer: bytes, path: str = "") -> None:
     """It carries every header, and tells nothing of the inside."""
     given = response_headers(answer)
-    for name, value in security_headers(path).items():
+    for name, value in make_security_headers(path).items():
         assert name == "cache-control" or given[name] == value, name
     assert "cache-control" in given
     assert "server" not in given
@@ -249,8 +249,8 @@ def test_the_server_survives_random_bytes(
 
 def test_attacks_leave_no_connections_and_no_log_entries(server: LiveServer[Session], quiet: None) -> None:
     with participant(server) as seated:
-        tell(seated, messages.Entered())
-        assert isinstance(hear(seated, messages.StateChange), messages.StateChange)
+        tell(seated, messages.VrEntered())
+        assert isinstance(hear(seated, messages.WorldStateChange), messages.WorldStateChange)
     assert server.loop.error is None
 
 
@@ -267,7 +267,11 @@ NESTED = {
 
 @pytest.mark.parametrize("data", NESTED.values(), ids=NESTED)
 def test_nested_messages_are_refused_as_any_other(data: bytes) -> None:
-    for decode in (messages.decode_client, messages.decode_experimenter, messages.decode_server):
+    for decode in (
+        messages.decode_participant_message,
+        messages.decode_watcher_message,
+        messages.decode_server_message,
+    ):
         with pytest.raises(msgspec.DecodeError):
             decode(data)
 
@@ -275,12 +279,12 @@ def test_nested_messages_are_refused_as_any_other(data: bytes) -> None:
 @given(st.binary(max_size=400))
 @settings(max_examples=500, derandomize=True, deadline=None)
 def test_no_bytes_do_more_than_be_refused(data: bytes) -> None:
-    for decode in (messages.decode_client, messages.decode_experimenter):
+    for decode in (messages.decode_participant_message, messages.decode_watcher_message):
         try:
             message = decode(data)
         except msgspec.DecodeError:
             continue
-        assert decode(messages.encode(message)) == message
+        assert decode(messages.encode_message(message)) == message
 
 
 @pytest.mark.parametrize("nested", [b"[" * 60_000, b'{"sex":' * 9_000, b'{"sex":"man","x":' + b"[" * 60_000])
@@ -340,7 +344,10 @@ def failing() -> FastAPI:
 @pytest.mark.slow
 def test_a_failure_is_a_plain_500_and_one_line_without_words(caplog: pytest.LogCaptureFixture) -> None:
     listener = open_listener("127.0.0.1", 0)
-    port, web = listener.getsockname()[1], WebServer(failing(), ConnectionLimiter(listener, Tokens.new()))
+    port, web = (
+        listener.getsockname()[1],
+        WebServer(failing(), ConnectionLimiter(listener, Tokens.generate())),
+    )
     web.start()
     try:
         secret = b"Authorization: Bearer TOKEN\r\n"

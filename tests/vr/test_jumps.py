@@ -10,16 +10,16 @@ import pytest
 
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import TrackingFrame
-from avrgym.vr.protocol.messages import TICK_S, Tracking, XRPose
+from avrgym.vr.protocol.messages import TICK_S, TrackingFrameMessage, XRPose
 from avrgym.vr.protocol.webxr import is_valid_pose
-from avrgym.vr.tracking.frames import TrackingFeed
 from avrgym.vr.tracking.jumps import (
     JUMP_RECOVERY_S,
     RETURN_SPEED_FRACTION,
     TRACKED_BODY_PARTS,
     PoseFilter,
-    min_travel_time_s,
+    compute_min_travel_time_s,
 )
+from avrgym.vr.tracking.tracking_frames import TrackingFeed
 from helpers.vr.teleporting_hands import IMPACT_N, PATTERNS, peak_force_n, random_pose_near
 from helpers.vr.visit import Visit, plan
 
@@ -30,14 +30,14 @@ FASTEST_FRAME_S = 1.0 / 120.0
 def towards(pose: XRPose, seconds: float, rng: np.random.Generator) -> XRPose:
     """A pose as far away as the fastest gets in so many seconds, or less far."""
     goal = random_pose_near(pose, rng, 1.0)
-    share = min(1.0, rng.uniform(0.0, 0.999) * seconds / min_travel_time_s(pose, goal))
+    share = min(1.0, rng.uniform(0.0, 0.999) * seconds / compute_min_travel_time_s(pose, goal))
     turn = np.array(pose.orientation) * (1 - share) + share * np.array(goal.orientation) * np.sign(
         np.dot(pose.orientation, goal.orientation)
     )
     position = np.array(pose.position) * (1 - share) + share * np.array(goal.position)
     x, y, z = np.clip(position, -9.0, 9.0).tolist()
     nearer = XRPose((x, y, z), tuple((turn / np.linalg.norm(turn)).tolist()))
-    return nearer if min_travel_time_s(pose, nearer) < seconds else pose
+    return nearer if compute_min_travel_time_s(pose, nearer) < seconds else pose
 
 
 def test_what_a_person_can_do_is_followed_exactly() -> None:
@@ -46,8 +46,8 @@ def test_what_a_person_can_do_is_followed_exactly() -> None:
         passed_s = float(rng.uniform(FASTEST_FRAME_S, 0.05))
         pose, now_s = towards(pose, passed_s, rng), now_s + passed_s
         limb.update(pose, now_s, now_s)
-        assert limb.filtered_pose(now_s) == pose
-        assert not limb.deviates
+        assert limb.compute_filtered_pose(now_s) == pose
+        assert not limb.is_deviating
 
 
 def test_a_jump_is_held_and_the_limb_comes_at_leisure() -> None:
@@ -56,27 +56,27 @@ def test_a_jump_is_held_and_the_limb_comes_at_leisure() -> None:
     for tick in range(300):
         now_s = tick * TICK_S
         limb.update(REST if tick < 10 else away, now_s, now_s)
-        followed.append(limb.filtered_pose(now_s))
-    steps_s = [min_travel_time_s(one, other) for one, other in pairwise(followed)]
+        followed.append(limb.compute_filtered_pose(now_s))
+    steps_s = [compute_min_travel_time_s(one, other) for one, other in pairwise(followed)]
     moved = [tick for tick, step_s in enumerate(steps_s) if step_s > 0.0]
     assert moved[0] == pytest.approx(10 + JUMP_RECOVERY_S / TICK_S, abs=2)
     assert max(steps_s) == pytest.approx(RETURN_SPEED_FRACTION * TICK_S)
     assert len(moved) == pytest.approx(
-        min_travel_time_s(REST, away) / (RETURN_SPEED_FRACTION * TICK_S), abs=2
+        compute_min_travel_time_s(REST, away) / (RETURN_SPEED_FRACTION * TICK_S), abs=2
     )
     assert followed[-1] == away
-    assert not limb.deviates
+    assert not limb.is_deviating
 
 
 def test_who_teleports_at_90_hz_moves_nothing() -> None:
     """Only a pose that happens to lie where the limb can have got is believed."""
     rng, limb = np.random.default_rng(3), PoseFilter()
     limb.update(REST, 0.0, 0.0)
-    assert limb.filtered_pose(0.0) == REST
+    assert limb.compute_filtered_pose(0.0) == REST
     for frame in range(1, 9000):
         now_s = frame / 90.0
         limb.update(random_pose_near(REST, rng, 1.0), now_s, now_s)
-        assert limb.filtered_pose(now_s) == REST
+        assert limb.compute_filtered_pose(now_s) == REST
 
 
 def test_no_sequence_of_poses_makes_a_limb_faster_than_the_fastest() -> None:
@@ -85,7 +85,7 @@ def test_no_sequence_of_poses_makes_a_limb_faster_than_the_fastest() -> None:
     for _ in range(200):
         limb, pose, followed, followed_s = PoseFilter(), REST, REST, 0.0
         limb.update(REST, 0.0, 0.0)
-        limb.filtered_pose(0.0)
+        limb.compute_filtered_pose(0.0)
         for tick in range(1, 150):
             now_s = tick * TICK_S
             kind = rng.choice(["jump", "gap", "rest", "move"], p=[0.05, 0.2, 0.5, 0.25])
@@ -95,17 +95,17 @@ def test_no_sequence_of_poses_makes_a_limb_faster_than_the_fastest() -> None:
                 pose = towards(pose, TICK_S, rng)
             if kind != "gap":
                 limb.update(pose, now_s, now_s)
-            here = limb.filtered_pose(now_s)
+            here = limb.compute_filtered_pose(now_s)
             assert is_valid_pose(here)
             if here != followed:
-                assert min_travel_time_s(followed, here) <= now_s - followed_s + 1e-6
+                assert compute_min_travel_time_s(followed, here) <= now_s - followed_s + 1e-6
             if kind != "gap":
                 followed, followed_s = here, now_s
 
 
-def frame(number: int, client_s: float, x_m: float) -> Tracking:
+def frame(number: int, client_s: float, x_m: float) -> TrackingFrameMessage:
     head = XRPose((x_m, 1.2, 0.0), REST.orientation)
-    return Tracking(number, 1000.0 * client_s, head, None, None, "none", "none")
+    return TrackingFrameMessage(number, 1000.0 * client_s, head, None, None, "none", "none")
 
 
 def test_frames_that_the_network_held_up_lie_as_far_apart_as_they_were_captured() -> None:

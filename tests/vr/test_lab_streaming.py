@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from avrgym.recording.schema import Stream, StreamSamples
-from avrgym.recording.streams import stream_quality, stream_sample_times
+from avrgym.recording.streams import compute_stream_quality, compute_stream_sample_times
 from avrgym.safety.limits import BODY_REGIONS
-from avrgym.vr.lab_streaming.choice import StreamSettings
-from avrgym.vr.protocol.messages import Entered, Ready, Status
+from avrgym.vr.lab_streaming.stream_settings import StreamSettings
+from avrgym.vr.protocol.messages import ParticipantReady, SessionStatus, VrEntered
 from avrgym.vr.session.events import StreamFound, StreamLost
 from helpers.vr.lab_streams import RATE_HZ, SENT_BODIES, Device, LiveVisit, open_lab_streams, pylsl
 
@@ -35,7 +35,7 @@ def test_poses_and_forces_are_sent(tmp_path: Path) -> None:
     assert labels == [
         f"{name}_{part}" for name in SENT_BODIES for part in ("x", "y", "z", "qw", "qx", "qy", "qz")
     ]
-    body = visit.session.world.simulation.body_poses(0)[visit.session.bodies.index("person/head")]
+    body = visit.session.world.simulation.get_body_poses(0)[visit.session.bodies.index("person/head")]
     assert posed[-1, :7] == pytest.approx(body, abs=1e-3)
     assert (np.diff(posed_s) > 0).all()
     assert pressed.shape[1] == len(BODY_REGIONS)
@@ -49,17 +49,17 @@ def lived(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveVisit]:
     belt = Device()
     with open_lab_streams(choice) as streams:
         visit = LiveVisit(tmp_path_factory.mktemp("recordings"), streams)
-        visit.run_live(lambda: all(streams.available.values()))
-        visit.send(Entered())
+        visit.run_live(lambda: all(streams.stream_availability.values()))
+        visit.send(VrEntered())
         visit.run_live_until("calibration")
         soon = visit.now_s + 0.3
         visit.run_live(lambda: visit.now_s > soon)
-        visit.send(Ready())
+        visit.send(ParticipantReady())
         visit.run_live_until("questionnaire")
         belt.turn_off()
-        visit.run_live(lambda: not streams.available["heart"])
+        visit.run_live(lambda: not streams.stream_availability["heart"])
         back = Device()
-        visit.run_live(lambda: streams.available["heart"])
+        visit.run_live(lambda: streams.stream_availability["heart"])
         soon = visit.now_s + 0.3
         visit.run_live(lambda: visit.now_s > soon)
         visit.answer(1, 2, 3, 4)
@@ -76,7 +76,10 @@ def test_samples_are_recorded_with_their_time_stamps(lived: LiveVisit) -> None:
     chunks = [chunk for _, chunk in recording.messages_by_topic["/samples"] if chunk.stream_name == "heart"]
     taken_s = np.concatenate([np.array(chunk.values)[:, 0] for chunk in chunks])
     error_s = (
-        stream_sample_times(recording.messages_by_topic, "heart").time_s + began_s + lived.began_s - taken_s
+        compute_stream_sample_times(recording.messages_by_topic, "heart").time_s
+        + began_s
+        + lived.began_s
+        - taken_s
     )
     assert len(error_s) > RATE_HZ / 2
     assert np.abs(error_s).max() < LOOPBACK_S
@@ -87,7 +90,7 @@ def test_samples_are_recorded_with_their_time_stamps(lived: LiveVisit) -> None:
 
 
 def test_the_quality_of_time_stamps_is_measured(lived: LiveVisit) -> None:
-    heart, own = stream_quality(lived.recordings()[0].messages_by_topic)
+    heart, own = compute_stream_quality(lived.recordings()[0].messages_by_topic)
     assert (heart.stream, heart.kind, heart.rate_hz, heart.gaps) == ("heart", "ECG", RATE_HZ, 1)
     assert heart.jitter_ms is not None
     assert heart.jitter_ms < 1e3 * LOOPBACK_S
@@ -114,7 +117,10 @@ def test_a_lost_stream_is_an_event_and_a_problem_message(lived: LiveVisit) -> No
     recorded = [(event.name, event.detail) for _, event in lived.recordings()[0].messages_by_topic["/events"]]
     assert [name for name, detail in recorded if detail == "heart"] == ["stream_lost", "stream_found"]
     assert "the stream heart is lost; the session continues without it" in lived.problems
-    seen = {tuple((each.name, each.present) for each in status.streams) for status in lived.received(Status)}
+    seen = {
+        tuple((each.name, each.present) for each in status.streams)
+        for status in lived.received(SessionStatus)
+    }
     assert {(("heart", False), ("own", True)), (("heart", True), ("own", True))} <= seen
 
 
@@ -122,7 +128,7 @@ def test_events_are_sent_with_the_times_of_the_recording(lived: LiveVisit) -> No
     (recording,) = lived.recordings()
     chunks = [chunk for _, chunk in recording.messages_by_topic["/samples"] if chunk.stream_name == "own"]
     sent = [json.loads(text) for chunk in chunks for (text,) in chunk.texts]
-    times_s = stream_sample_times(recording.messages_by_topic, "own").time_s
+    times_s = compute_stream_sample_times(recording.messages_by_topic, "own").time_s
     phases = [(time_s, each["phase"]) for time_s, each in zip(times_s, sent, strict=True) if "phase" in each]
     recorded = {
         event.detail: time_ns / 1e9

@@ -13,11 +13,11 @@ from avrgym.vr.benchmark.cpu_steal import (
     MONITOR_PRIORITY,
     CpuStealMonitor,
     TimeSpan,
+    compute_overlap_s,
+    find_undisturbed_periods,
     merge_spans,
-    overlap_s,
-    overlaps_no_span,
 )
-from avrgym.vr.benchmark.live_latency import PERCENTILES, measure_live_latency
+from avrgym.vr.benchmark.live_latency import PERCENTILE_LEVELS, measure_live_latency
 from avrgym.vr.server.real_time_loop import LateTick
 
 
@@ -40,7 +40,7 @@ def test_stages_add_up_to_the_round_trip() -> None:
     times.stood_still = [(0.004, 0.0065), (0.0235, 0.0236)]
     trips[99] = (1.0, 2.0)
     speed = live_latency._sum_up("avrgym/FeedingJaco-v1", times, trips)
-    assert speed.round_trip_ms == pytest.approx(dict.fromkeys(PERCENTILES, 7.0))
+    assert speed.round_trip_ms == pytest.approx(dict.fromkeys(PERCENTILE_LEVELS, 7.0))
     stages = {name: spread["p50"] for name, spread in speed.stages_ms.items()}
     assert stages == pytest.approx({"to_server": 1.0, "queue": 3.0, "tick": 2.0, "return": 1.0})
     assert (speed.rate_hz, speed.seconds, speed.missed_deadlines) == pytest.approx((100.0, 0.03, 3))
@@ -86,15 +86,22 @@ def test_a_tick_is_late_by_itself_if_it_is_later_than_processors_stood_still() -
 def test_spans_of_several_processors_are_merged() -> None:
     spans = merge_spans([(3.0, 4.0), (0.0, 1.0), (0.5, 2.0), (2.0, 2.5)])
     assert spans == [(0.0, 2.5), (3.0, 4.0)]
-    assert overlap_s(spans, 1.0, 3.5) == pytest.approx(2.0)
-    assert overlap_s(spans, 2.6, 2.9) == 0.0
+    assert compute_overlap_s(spans, 1.0, 3.5) == pytest.approx(2.0)
+    assert compute_overlap_s(spans, 2.6, 2.9) == 0.0
 
 
 def test_spans_outside_are_found() -> None:
     spans = [(1.0, 2.0), (3.0, 4.0)]
     began_s, ended_s = np.array([[0.0, 0.9], [0.5, 1.5], [1.2, 1.3], [2.1, 2.9], [2.1, 4.5], [4.1, 5.0]]).T
-    assert overlaps_no_span(spans, began_s, ended_s).tolist() == [True, False, False, True, False, True]
-    assert overlaps_no_span([], began_s, ended_s).all()
+    assert find_undisturbed_periods(spans, began_s, ended_s).tolist() == [
+        True,
+        False,
+        False,
+        True,
+        False,
+        True,
+    ]
+    assert find_undisturbed_periods([], began_s, ended_s).all()
 
 
 @pytest.mark.slow

@@ -7,10 +7,16 @@ import numpy as np
 import pytest
 
 from avrgym.recording.reader import Recording
-from avrgym.replay.verification import verify
+from avrgym.replay.verification import verify_recording
 from avrgym.safety.retreat import MAX_RETREAT_DURATION_S
 from avrgym.vr.live_world.world import BRAKING_TICKS
-from avrgym.vr.protocol.messages import ClientMessage, Command, ExperimenterMessage, Question, Stop
+from avrgym.vr.protocol.messages import (
+    ExperimenterCommand,
+    ParticipantMessage,
+    Question,
+    Stop,
+    WatcherMessage,
+)
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.vr.visit import ENVIRONMENT, Visit, plan
@@ -24,7 +30,7 @@ def helping(folder: Path) -> Visit:
     session: SessionPlan = replace(
         plan(trial_steps=STEPS),
         trials=[TrialPlan(ENVIRONMENT, "revised", 3, practice=False)],
-        withdraw_after_success=False,
+        withdraw_tool_after_success=False,
     )
     visit = Visit(folder, session, load_policies(session))
     visit.calibrate()
@@ -34,12 +40,12 @@ def helping(folder: Path) -> Visit:
 
 def far_m(visit: Visit) -> float:
     """How far the tool is from the head's centre."""
-    state = visit.session.world.simulation.state()
+    state = visit.session.world.simulation.get_state()
     return float(np.linalg.norm(state.tool_pos_w - state.head_pos_w))
 
 
 def speed_m_s(visit: Visit) -> float:
-    return float(np.linalg.norm(visit.session.world.simulation.state().tool_velocity_w))
+    return float(np.linalg.norm(visit.session.world.simulation.get_state().tool_velocity_w))
 
 
 def ended(visit: Visit) -> Recording:
@@ -49,7 +55,7 @@ def ended(visit: Visit) -> Recording:
     visit.leave()
     (recording,) = visit.recordings()
     assert recording.outcome is not None
-    assert (recording.complete, recording.outcome.result, recording.outcome.steps) == (
+    assert (recording.is_complete, recording.outcome.result, recording.outcome.steps) == (
         True,
         "completed",
         STEPS,
@@ -67,15 +73,15 @@ def test_the_tool_is_away_before_questions_come_and_replay_takes_it_away_alike(t
     recording = ended(visit)
     assert len(recording.messages_by_topic["/control"]) == STEPS
     assert len(recording.messages_by_topic["/commands"]) > STEPS + 20
-    found = verify(recording)
-    assert found.identical_states == found.states
-    assert found.identical_steps == found.steps == STEPS
+    found = verify_recording(recording)
+    assert found.num_identical_states == found.num_states
+    assert found.num_identical_steps == found.num_steps == STEPS
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("told", [Stop(), Command(name="pause")], ids=str)
+@pytest.mark.parametrize("told", [Stop(), ExperimenterCommand(name="pause")], ids=str)
 def test_a_retreat_can_be_stopped_and_the_trial_counts(
-    tmp_path: Path, told: ClientMessage | ExperimenterMessage
+    tmp_path: Path, told: ParticipantMessage | WatcherMessage
 ) -> None:
     visit = helping(tmp_path)
     visit.tick(BRAKING_TICKS + 100)
@@ -85,9 +91,9 @@ def test_a_retreat_can_be_stopped_and_the_trial_counts(
     visit.tick(10)
     assert speed_m_s(visit) < 0.005
     stopped = [event for event in visit.observed if isinstance(event, events.Stopped)]
-    assert len(stopped) == (told != Command(name="pause"))
-    found = verify(ended(visit))
-    assert found.identical
+    assert len(stopped) == (told != ExperimenterCommand(name="pause"))
+    found = verify_recording(ended(visit))
+    assert found.is_identical
 
 
 @pytest.mark.slow
@@ -103,7 +109,7 @@ def test_a_retreat_waits_for_tracking_and_goes_on(tmp_path: Path) -> None:
     assert far_m(visit) > 0.3
     recording = ended(visit)
     assert "tracking_found" in [event.name for _, event in recording.messages_by_topic["/events"]]
-    assert verify(recording).identical
+    assert verify_recording(recording).is_identical
 
 
 @pytest.mark.slow

@@ -36,22 +36,22 @@ from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, samp
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
     Answer,
-    Body,
-    Entered,
     Hello,
-    Input,
+    InputProfileMessage,
     Language,
     Message,
-    Phase,
+    ParticipantBody,
+    ParticipantReady,
+    PhaseDescription,
     Problem,
-    Ready,
-    Receipt,
     Scene,
     SceneLoaded,
-    State,
-    StateChange,
+    StateReceipt,
     Stop,
+    VrEntered,
     Welcome,
+    WorldState,
+    WorldStateChange,
 )
 from avrgym.vr.protocol.state_encoding import StateDecoder
 from avrgym.vr.scene import export_process as rendering_module
@@ -118,7 +118,7 @@ class Client:
 
     def send(self, *sent: Message | bytes | str) -> None:
         for each in sent:
-            self._socket.send(messages.encode(each) if isinstance(each, Message) else each)
+            self._socket.send(messages.encode_message(each) if isinstance(each, Message) else each)
 
     def hello(self, **changed: Any) -> None:
         fields = {
@@ -133,8 +133,8 @@ class Client:
         message = decode_message(self._socket, self._socket.recv(timeout=PATIENCE_S))
         if isinstance(message, Scene):
             self.send(SceneLoaded(url=message.url))
-        if isinstance(message, StateChange) and self.tracked is not None:
-            self.send(self.tracked.tracking_frame(0.0, moving=False))
+        if isinstance(message, WorldStateChange) and self.tracked is not None:
+            self.send(self.tracked.make_tracking_frame(0.0, moving=False))
         return message
 
     def await_message(self, kind: type[M], that: Callable[[M], bool] = lambda _: True) -> M:
@@ -150,7 +150,7 @@ class Client:
         """The words of the problem, then the code and the reason of the close."""
         problem = self.await_message(Problem)
         with pytest.raises(ConnectionClosed) as closed:
-            self.await_message(Phase)
+            self.await_message(PhaseDescription)
         assert closed.value.rcvd is not None
         return problem.message, closed.value.rcvd.code, closed.value.rcvd.reason
 
@@ -184,12 +184,14 @@ def send_and_listen(client: Client, *sent: Message) -> None:
 def sit_down(client: Client) -> None:
     """Let the client's participant be measured; their trial begins."""
     client.tracked = SimulatedParticipant(sample_participant_traits("woman", 2), 2)
-    client.send(Entered())
-    client.await_message(Phase, lambda phase: phase.name == "calibration")
-    client.send(*(client.tracked.tracking_frame(0.0, moving=False) for _ in range(6)), Ready())
-    client.await_message(Phase, lambda phase: phase.name == "check")
-    client.send(Ready())
-    client.await_message(Phase, lambda phase: phase.name == "trial")
+    client.send(VrEntered())
+    client.await_message(PhaseDescription, lambda phase: phase.name == "calibration")
+    client.send(
+        *(client.tracked.make_tracking_frame(0.0, moving=False) for _ in range(6)), ParticipantReady()
+    )
+    client.await_message(PhaseDescription, lambda phase: phase.name == "check")
+    client.send(ParticipantReady())
+    client.await_message(PhaseDescription, lambda phase: phase.name == "trial")
 
 
 def await_that(condition: Callable[[], bool]) -> None:
@@ -318,11 +320,11 @@ GOOD_HELLO = Hello(protocol=messages.PROTOCOL_VERSION, token="?", device="test",
 @pytest.mark.parametrize(
     "first",
     [
-        Entered(),
+        VrEntered(),
         Stop(),
         b"",
         b"\xc1 nonsense",
-        messages.encode(GOOD_HELLO)[:-3],
+        messages.encode_message(GOOD_HELLO)[:-3],
         "hello",
     ],
     ids=str,
@@ -395,7 +397,7 @@ def test_one_participant_at_a_time(server: LiveServer) -> None:
     assert "only one is allowed" in words
     assert words == reason
     with participant(server) as third:
-        third.await_message(StateChange)
+        third.await_message(WorldStateChange)
 
 
 def test_only_one_of_many_participants_is_accepted(server: LiveServer) -> None:
@@ -425,13 +427,13 @@ def test_the_first_messages_are_welcome_language_body_input_scene_and_phase(serv
     for _ in range(3):
         with participant(server) as client:
             assert isinstance(client.receive(), Language)
-            assert isinstance(client.receive(), Body)
-            assert isinstance(client.receive(), Input)
+            assert isinstance(client.receive(), ParticipantBody)
+            assert isinstance(client.receive(), InputProfileMessage)
             assert isinstance(client.receive(), Scene)
             phase = client.receive()
-            assert isinstance(phase, Phase)
+            assert isinstance(phase, PhaseDescription)
             assert phase.name == "waiting"
-            states = [client.await_message(StateChange) for _ in range(5)]
+            states = [client.await_message(WorldStateChange) for _ in range(5)]
             assert [state.sequence for state in states] == sorted({state.sequence for state in states})
             assert len(StateDecoder().decode(states[0]).poses) == 4 * 7 * len(server.session.bodies)
 
@@ -443,12 +445,17 @@ def test_the_first_messages_are_welcome_language_body_input_scene_and_phase(serv
         (b"", "invalid message"),
         (b"\xc1", "invalid message"),
         (random.Random(1).randbytes(500), "invalid message"),
-        (messages.encode(Entered())[:-1], "invalid message"),
-        (messages.encode(Entered()) + b"\x00", "invalid message"),
+        (messages.encode_message(VrEntered())[:-1], "invalid message"),
+        (messages.encode_message(VrEntered()) + b"\x00", "invalid message"),
         (b"\x81\xa4type\xa4fire", "invalid message"),
         (b"\x82\xa4type\xa7entered\xa1x\x01", "invalid message"),
         (b"\x94" * 20_000, "invalid message"),
-        (messages.encode(Answer(item="L1", value=4, response_time_s=1.0)).replace(b"\x04", b"\x00"), "value"),
+        (
+            messages.encode_message(Answer(item="L1", value=4, response_time_s=1.0)).replace(
+                b"\x04", b"\x00"
+            ),
+            "value",
+        ),
     ],
 )
 def test_an_invalid_message_is_reported_and_the_connection_remains(
@@ -459,8 +466,11 @@ def test_an_invalid_message_is_reported_and_the_connection_remains(
         problem = client.await_message(Problem)
         assert words in problem.message
         assert TYPES in problem.message
-        client.send(Entered())
-        assert client.await_message(Phase, lambda phase: phase.name != "waiting").name == "calibration"
+        client.send(VrEntered())
+        assert (
+            client.await_message(PhaseDescription, lambda phase: phase.name != "waiting").name
+            == "calibration"
+        )
 
 
 def test_a_too_large_message_closes_only_its_connection(server: LiveServer) -> None:
@@ -468,11 +478,11 @@ def test_a_too_large_message_closes_only_its_connection(server: LiveServer) -> N
         with suppress(ConnectionClosed):
             client.send(b"\xc0" * (1 << 16) + b"\xc0")
         with pytest.raises(ConnectionClosed) as closed:
-            client.await_message(Phase, lambda phase: phase.name == "finished")
+            client.await_message(PhaseDescription, lambda phase: phase.name == "finished")
         assert closed.value.rcvd is not None
         assert closed.value.rcvd.code == 1009
     with participant(server) as other:
-        other.await_message(StateChange)
+        other.await_message(WorldStateChange)
 
 
 def test_damaged_messages_never_end_the_session(server: LiveServer) -> None:
@@ -480,12 +490,18 @@ def test_damaged_messages_never_end_the_session(server: LiveServer) -> None:
     rng = random.Random(7)
     with participant(server) as client:
         for _ in range(400):
-            sound = (person.tracking_frame(0.0, moving=True), Entered(), Ready(), Stop(), GOOD_HELLO)
-            data = bytearray(messages.encode(rng.choice(sound)))
+            sound = (
+                person.make_tracking_frame(0.0, moving=True),
+                VrEntered(),
+                ParticipantReady(),
+                Stop(),
+                GOOD_HELLO,
+            )
+            data = bytearray(messages.encode_message(rng.choice(sound)))
             for _ in range(rng.randint(1, 4)):
                 data[rng.randrange(len(data))] = rng.randrange(256)
             client.send(bytes(data))
-        client.await_message(StateChange)
+        client.await_message(WorldStateChange)
     assert server.loop.error is None
 
 
@@ -493,11 +509,11 @@ def test_damaged_messages_never_end_the_session(server: LiveServer) -> None:
 @pytest.mark.slow
 def test_a_flooding_client_is_disconnected_with_the_reason(server: LiveServer, kind: str) -> None:
     person = SimulatedParticipant(sample_participant_traits("woman", 2), 2)
-    frame = person.tracking_frame(0.0, moving=False)
+    frame = person.make_tracking_frame(0.0, moving=False)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with participant(server) as client:
         flood = (
-            msgspec.structs.replace(frame, sequence=i) if kind == "frames" else Entered()
+            msgspec.structs.replace(frame, sequence=i) if kind == "frames" else VrEntered()
             for i in range(20_000)
         )
         with pytest.raises(ConnectionClosed) as closed:
@@ -529,13 +545,13 @@ def test_a_client_that_does_not_listen_is_not_remembered_for_ever() -> None:
     (first, problem, state), _ = asyncio.run(push())
     assert isinstance(first, Welcome)
     assert problem == Problem(message="9999")
-    assert isinstance(state, State)
-    assert state.sequence == 9999
+    assert isinstance(state, WorldState)
+    assert state.sequence_number == 9999
 
 
-def state_of(sequence: int) -> State:
+def state_of(sequence: int) -> WorldState:
     numbers: dict[str, Any] = {"joint_targets": b"", "deviating_parts": [], "poses": b""}
-    return State(sequence=sequence, simulation_time_s=0.0, tracking_sequence=-1, **numbers)
+    return WorldState(sequence_number=sequence, simulation_time_s=0.0, tracking_sequence_number=-1, **numbers)
 
 
 @pytest.mark.parametrize("takes", [1, 5, 100])
@@ -552,8 +568,8 @@ def test_a_slow_client_receives_the_newest_state(takes: int) -> None:
             with suppress(TimeoutError):
                 async with asyncio.timeout(0):
                     state = await outbox.next_message()
-                    assert isinstance(state, State)
-                    assert state.sequence == made
+                    assert isinstance(state, WorldState)
+                    assert state.sequence_number == made
                     on_the_way.append(made)
             if made * takes % 100 < takes and on_the_way:
                 assert made - on_the_way.pop(0) <= most_behind
@@ -568,8 +584,8 @@ def test_a_slow_client_receives_the_newest_state(takes: int) -> None:
 @pytest.mark.parametrize("says", [10**12, 0, 7])
 def test_invalid_receipts_stop_only_states(server: LiveServer, says: int) -> None:
     with participant(server) as client:
-        client.await_message(StateChange)
-        client.send(Receipt(says))
+        client.await_message(WorldStateChange)
+        client.send(StateReceipt(says))
         client.send(Answer(item="none", value=1, response_time_s=1.0))
         client.await_message(Problem)
     assert server.loop.error is None
@@ -582,21 +598,21 @@ def test_a_dropped_connection_halts_the_robot_and_the_next_is_greeted(
     with participant(server) as client:
         sit_down(client)
         recording = server.session.recordings[-1]
-        client.await_message(StateChange)
+        client.await_message(WorldStateChange)
         if not politely:
             client.vanish()
     await_that(lambda: server.session.phase_name == "waiting")
     await_that(lambda: read_recording(recording).outcome is not None)
     with participant(server) as client:
         assert isinstance(client.receive(), Language)
-        assert isinstance(client.receive(), Body)
-        assert isinstance(client.receive(), Input)
+        assert isinstance(client.receive(), ParticipantBody)
+        assert isinstance(client.receive(), InputProfileMessage)
         assert isinstance(client.receive(), Scene)
         phase = client.receive()
-        assert isinstance(phase, Phase)
+        assert isinstance(phase, PhaseDescription)
         assert (phase.name, phase.text) == ("waiting", "The connection was lost. Choose Enter VR to go on.")
     recorded = read_recording(recording)
-    assert recorded.complete
+    assert recorded.is_complete
     assert recorded.outcome is not None
     assert recorded.outcome.result == "interrupted"
     last, event = recorded.messages_by_topic["/physics"][-1], recorded.messages_by_topic["/events"][-1]
@@ -612,7 +628,7 @@ def test_a_silent_headset_is_disconnected(tmp_path: Path, monkeypatch: pytest.Mo
         speak_and_fall_silent(server, raw)
         assert connected(server)
         with participant(server) as client:
-            client.await_message(StateChange)
+            client.await_message(WorldStateChange)
 
 
 def speak_and_fall_silent(server: LiveServer, raw: socket.socket) -> None:
@@ -625,7 +641,7 @@ def speak_and_fall_silent(server: LiveServer, raw: socket.socket) -> None:
     hello = Hello(
         protocol=messages.PROTOCOL_VERSION, token=server.tokens.participant, device="", emulated=True
     )
-    protocol.send_binary(messages.encode(hello))
+    protocol.send_binary(messages.encode_message(hello))
     raw.sendall(b"".join(protocol.data_to_send()))
     raw.recv(4096)
 
@@ -711,7 +727,7 @@ def test_after_an_error_the_next_request_exports_again(rendering: Rendering) -> 
 
 def test_scenes_exported_in_advance_are_cached(rendering: Rendering) -> None:
     exporter = SceneExporter()
-    ahead = exporter.export(0, "0", Person())
+    ahead = exporter.start_export(0, "0", Person())
     assert ask(0, exporter=exporter) == [b"0"]
     assert ahead.done()
     exporter.close()
@@ -803,9 +819,9 @@ def test_the_server_leaves_nothing_behind(tmp_path: Path) -> None:
     with make_server(tmp_path) as server:
         client = Client(server)
         client.hello()
-        client.await_message(StateChange)
+        client.await_message(WorldStateChange)
     with client, pytest.raises(ConnectionClosed):
-        client.await_message(Phase, lambda phase: phase.name == "finished")
+        client.await_message(PhaseDescription, lambda phase: phase.name == "finished")
     assert count_threads("simulation") == simulations
     assert len(multiprocessing.active_children()) == children
     with pytest.raises(ConnectionRefusedError):

@@ -5,16 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.policies.names import OPERATOR_POLICY
+from avrgym.policies.policy_names import OPERATOR_POLICY_NAME
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control
-from avrgym.replay.verification import verify
+from avrgym.replay.verification import verify_recording
 from avrgym.safety.force_guard import INTERVENTION_EVENT
 from avrgym.safety.withdrawal import SETTLING_TIME_S, WITHDRAWAL_DRIVER, WITHDRAWAL_EVENT
-from avrgym.study.design.design import DesignError, default_design_text, parse_design
-from avrgym.study.sessions.visit import plan_session
-from avrgym.study.storage.store import Store
-from avrgym.vr.protocol.messages import Status
+from avrgym.study.design.design import DesignError, parse_design, read_default_design_text
+from avrgym.study.sessions.study_visit import plan_session
+from avrgym.study.storage.store import StudyStore
+from avrgym.vr.protocol.messages import SessionStatus
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.studies.known_results import enrol_included
 from helpers.studies.small_studies import make_study
@@ -24,12 +24,12 @@ STEPS = 100
 LINE = "withdraw_after_success = true\n"
 
 
-def trial(folder: Path, *, withdraws: bool, policy: str = "revised") -> tuple[Recording, list[Status]]:
+def trial(folder: Path, *, withdraws: bool, policy: str = "revised") -> tuple[Recording, list[SessionStatus]]:
     """A trial in which a participant who keeps still is fed."""
     session: SessionPlan = replace(
         plan(trial_steps=STEPS),
         trials=[TrialPlan(ENVIRONMENT, policy, 3, practice=False)],
-        withdraw_after_success=withdraws,
+        withdraw_tool_after_success=withdraws,
     )
     visit = Visit(folder, session, load_policies(session))
     visit.calibrate()
@@ -37,7 +37,7 @@ def trial(folder: Path, *, withdraws: bool, policy: str = "revised") -> tuple[Re
     visit.answer(1, 2, 3, 4)
     visit.leave()
     (recording,) = visit.recordings()
-    return recording, visit.received(Status)
+    return recording, visit.received(SessionStatus)
 
 
 def steps_of(recording: Recording) -> list[Control]:
@@ -67,8 +67,8 @@ def test_the_robot_withdraws_waits_and_replays(tmp_path: Path) -> None:
         True,
     }
     assert not any(status.withdrawing for status in statuses if status.phase != "trial")
-    found = verify(recording)
-    assert (found.identical_states, found.identical_steps) == (found.states, STEPS)
+    found = verify_recording(recording)
+    assert (found.num_identical_states, found.num_identical_steps) == (found.num_states, STEPS)
 
 
 @pytest.mark.slow
@@ -83,24 +83,24 @@ def test_without_it_the_policy_goes_on(tmp_path: Path) -> None:
 
 
 def test_a_robot_that_an_operator_drives_does_not_withdraw(tmp_path: Path) -> None:
-    session = replace(plan(), trials=[TrialPlan(ENVIRONMENT, OPERATOR_POLICY, 3, practice=False)])
+    session = replace(plan(), trials=[TrialPlan(ENVIRONMENT, OPERATOR_POLICY_NAME, 3, practice=False)])
     visit = Visit(tmp_path, session, load_policies(session))
     visit.calibrate()
     visit.run_until("trial")
-    assert session.withdraw_after_success
+    assert session.withdraw_tool_after_success
     assert visit.session.world._loop.withdrawal is None
 
 
 def test_new_studies_withdraw_and_those_that_do_not_say_go_on(tmp_path: Path) -> None:
-    assert parse_design(default_design_text()).withdraw_after_success
-    assert not parse_design(default_design_text().replace(LINE, "")).withdraw_after_success
+    assert parse_design(read_default_design_text()).withdraw_after_success
+    assert not parse_design(read_default_design_text().replace(LINE, "")).withdraw_after_success
     with pytest.raises(DesignError, match="withdraw_after_success"):
-        parse_design(default_design_text().replace(LINE, 'withdraw_after_success = "yes"\n'))
+        parse_design(read_default_design_text().replace(LINE, 'withdraw_after_success = "yes"\n'))
 
 
 @pytest.mark.parametrize("withdraws", [True, False])
 def test_sessions_withdraw_as_the_design_says(tmp_path: Path, withdraws: bool) -> None:
     value = "true" if withdraws else "false"
-    with Store(make_study(tmp_path / "study", withdraw_after_success=value)) as store:
+    with StudyStore(make_study(tmp_path / "study", withdraw_after_success=value)) as store:
         session = plan_session(store, enrol_included(store))
-    assert session.withdraw_after_success == withdraws
+    assert session.withdraw_tool_after_success == withdraws

@@ -21,14 +21,14 @@ SETTLED_TICKS = 100
 
 def pose_of(person: Person, posture: Posture, angles_rad: np.ndarray) -> BodyPose:
     """Where head and hands of a person with joint angles (20,) are."""
-    model = human.person_model(person, posture, moving=True)
+    model = human.compile_person_model(person, posture, moving=True)
     data = mujoco.MjData(model)
     data.qpos[:] = angles_rad
     mujoco.mj_kinematics(model, data)
     head, left, right = (
         Pose(
-            data.site(human.PREFIX + site).xpos.copy(),
-            transforms.normalize(data.body(human.PREFIX + body).xquat),
+            data.site(human.PERSON_NAME_PREFIX + site).xpos.copy(),
+            transforms.normalize(data.body(human.PERSON_NAME_PREFIX + body).xquat),
         )
         for site, body in (
             ("head_centre", "head"),
@@ -47,16 +47,16 @@ def test_a_persons_head_and_hands_come_to_the_participants(environment: str) -> 
     A limp right arm is exempt: its joints are too weak to follow the tracked hand, and the robot must move it.
     """
     task, _ = ENVIRONMENTS[environment]
-    rest_rad = TASKS[task].pose.rest_rad
+    rest_rad = TASKS[task].pose_distribution.rest_angles_rad
     person = Person("woman", 0.56, rest_rad)
     world = LiveWorld(environment, person)
-    lifted = human.seated_joint_angles(waist_x=4, head_x=10, right_shoulder_y=15, left_shoulder_y=-15)
+    lifted = human.make_seated_joint_angles(waist_x=4, head_x=10, right_shoulder_y=15, left_shoulder_y=-15)
     wanted = pose_of(person, world.scene_config.posture, lifted)
     for _ in range(SETTLED_TICKS):
         world.follow_pose(wanted)
         world.tick(None)
-    reached = pose_of(person, world.scene_config.posture, world.simulation.person_joint_angles_rad()[0])
-    followed = [(reached.head, wanted.head), (reached.left, wanted.left)]
+    reached = pose_of(person, world.scene_config.posture, world.simulation.get_person_joint_angles_rad()[0])
+    followed = [(reached.head_pose, wanted.head_pose), (reached.left, wanted.left)]
     if TASKS[task].strength_share is None:
         followed.append((reached.right, wanted.right))
     for there, here in followed:
@@ -69,12 +69,12 @@ def test_a_persons_head_and_hands_come_to_the_participants(environment: str) -> 
 def test_a_lost_hand_keeps_its_pose() -> None:
     world = LiveWorld("avrgym/ScratchItchJaco-v1", Person())
     raised = pose_of(
-        world.person, world.scene_config.posture, human.seated_joint_angles(right_shoulder_x=-40)
+        world.person, world.scene_config.posture, human.make_seated_joint_angles(right_shoulder_x=-40)
     )
     for _ in range(SETTLED_TICKS):
         world.follow_pose(raised)
     before = world.joint_targets_rad
-    world.follow_pose(BodyPose(raised.head, raised.left, None))
+    world.follow_pose(BodyPose(raised.head_pose, raised.left, None))
     right = [i for i, name in enumerate(human.JOINTS) if name.startswith("right_")]
     np.testing.assert_array_equal(world.joint_targets_rad[right], before[right])
 

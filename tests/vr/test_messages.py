@@ -10,13 +10,13 @@ import write_typescript
 from avrgym.vr.protocol import messages
 
 EXAMPLES = write_typescript.example_messages()
-FROM_CLIENT, FROM_SERVER = EXAMPLES["ClientMessage"], EXAMPLES["ServerMessage"]
-FROM_EXPERIMENTER = EXAMPLES["ExperimenterMessage"]
+FROM_CLIENT, FROM_SERVER = EXAMPLES["ParticipantMessage"], EXAMPLES["ServerMessage"]
+FROM_EXPERIMENTER = EXAMPLES["WatcherMessage"]
 """The first is the hello, which every client says."""
 DECODERS = {
-    "ClientMessage": messages.decode_client,
-    "ExperimenterMessage": messages.decode_experimenter,
-    "ServerMessage": messages.decode_server,
+    "ParticipantMessage": messages.decode_participant_message,
+    "WatcherMessage": messages.decode_watcher_message,
+    "ServerMessage": messages.decode_server_message,
 }
 
 
@@ -25,8 +25,10 @@ def tag(message: messages.Message) -> str:
 
 
 FROM_BOTH = {tag(m) for m in FROM_CLIENT} & {tag(m) for m in FROM_EXPERIMENTER}
-WRONG_WAY = [(messages.decode_server, m) for m in FROM_CLIENT] + [
-    (messages.decode_client, m) for m in (*FROM_SERVER, *FROM_EXPERIMENTER) if tag(m) not in FROM_BOTH
+WRONG_WAY = [(messages.decode_server_message, m) for m in FROM_CLIENT] + [
+    (messages.decode_participant_message, m)
+    for m in (*FROM_SERVER, *FROM_EXPERIMENTER)
+    if tag(m) not in FROM_BOTH
 ]
 
 
@@ -38,18 +40,18 @@ def name(value: object) -> str:
     ("union", "message"), [(union, m) for union, group in EXAMPLES.items() for m in group], ids=name
 )
 def test_round_trip(union, message):
-    assert DECODERS[union](messages.encode(message)) == message
+    assert DECODERS[union](messages.encode_message(message)) == message
 
 
 @pytest.mark.parametrize(("decode", "message"), WRONG_WAY, ids=name)
 def test_messages_of_the_other_side_are_refused(decode, message):
     with pytest.raises(msgspec.DecodeError):
-        decode(messages.encode(message))
+        decode(messages.encode_message(message))
 
 
 @pytest.mark.parametrize("message", FROM_CLIENT, ids=name)
 def test_cut_and_extended_messages_are_refused(message):
-    data = messages.encode(message)
+    data = messages.encode_message(message)
     for wrong in (
         b"",
         data[:-1],
@@ -57,7 +59,7 @@ def test_cut_and_extended_messages_are_refused(message):
         msgspec.msgpack.encode({**msgspec.to_builtins(message), "x": 1}),
     ):
         with pytest.raises(msgspec.DecodeError):
-            messages.decode_client(wrong)
+            messages.decode_participant_message(wrong)
 
 
 def test_integers_are_accepted_as_floats():
@@ -72,8 +74,8 @@ def test_integers_are_accepted_as_floats():
         "left_modality": "none",
         "right_modality": "hand",
     }
-    decoded = messages.decode_client(msgspec.msgpack.encode(frame))
-    assert isinstance(decoded, messages.Tracking)
+    decoded = messages.decode_participant_message(msgspec.msgpack.encode(frame))
+    assert isinstance(decoded, messages.TrackingFrameMessage)
     assert decoded.head == messages.XRPose((0.0, 1.0, 2.0), (0.0, 0.0, 0.0, 1.0))
     assert isinstance(decoded.client_time_ms, float)
 

@@ -18,23 +18,23 @@ from avrgym.vr.emulation.simulated_participant import SimulatedParticipant
 from avrgym.vr.live_world.arm_contact import ArmContactMonitor
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import (
-    Command,
-    CommandName,
-    CorrectTorsoHeight,
-    Entered,
-    Feedback,
-    Left,
+    ExperimenterCommand,
+    ExperimenterCommandName,
+    HapticAndAudioFeedback,
+    NextScene,
     ParticipantDisconnected,
-    Ready,
-    Recalibrate,
+    ParticipantReady,
+    RecalibrationRequest,
     Scene,
     SceneLoaded,
-    State,
-    Status,
-    Upcoming,
+    SessionStatus,
+    TorsoHeightCorrection,
+    VrEntered,
+    VrLeft,
+    WorldState,
 )
 from avrgym.vr.protocol.state_encoding import StateDecoder, StateEncoder
-from avrgym.vr.session import events as session_events
+from avrgym.vr.session import events as read_session_events
 from avrgym.vr.session import trial_worlds
 from avrgym.vr.session.plan import SessionPlan, plan_trials_with_practice
 from avrgym.vr.session.session import Session
@@ -53,13 +53,13 @@ def attend(visit: Visit) -> None:
             visit.answer(4, 4, 4, 4)
         elif visit.phase == "calibration":
             visit.tick(60)
-            visit.send(Ready())
+            visit.send(ParticipantReady())
         visit.tick()
     raise AssertionError(f"still in {visit.phase}; problems: {visit.problems}")
 
 
-def command(visit: Visit, name: CommandName) -> None:
-    visit.send(Command(name=name))
+def command(visit: Visit, name: ExperimenterCommandName) -> None:
+    visit.send(ExperimenterCommand(name=name))
 
 
 def happened(visit: Visit, kind: type) -> list:
@@ -73,18 +73,18 @@ def happened(visit: Visit, kind: type) -> list:
 def test_a_session_goes_through_all_environments(visit: Callable[..., Visit]) -> None:
     """Each recording is of its environment; the body keeps its size; a new posture is calibrated."""
     session = visit(environments=list(PAPER_ENVIRONMENTS), seeds=range(8), practice=True)
-    session.send(Entered())
+    session.send(VrEntered())
     attend(session)
     assert not session.problems
     recorded = session.recordings()
     assert [recording.configuration.environment for recording in recorded] == list(PAPER_ENVIRONMENTS)
-    assert all(recording.complete for recording in recorded)
+    assert all(recording.is_complete for recording in recorded)
     sizes = {recording.configuration.person.torso_height_m for recording in recorded}
     assert sizes == {session.session.person.torso_height_m}
     lying = [environment.startswith("avrgym/BedBathing") for environment in PAPER_ENVIRONMENTS]
     changes = 1 + sum(a != b for a, b in pairwise(lying))
     assert session.phases.count("calibration") == changes
-    assert [calibrated.measured for calibrated in happened(session, session_events.Calibrated)] == [
+    assert [calibrated.measured for calibrated in happened(session, read_session_events.Calibrated)] == [
         True, *[False] * (changes - 1)
     ]  # fmt: skip
     check_states_fit_their_scenes(session)
@@ -98,14 +98,14 @@ def check_states_fit_their_scenes(session: Visit) -> None:
             rows = len(message.bodies) + message.marks
             encoder.reset()
             decoder.reset()
-        elif isinstance(message, State) and rows:
+        elif isinstance(message, WorldState) and rows:
             assert len(decoder.decode(encoder.encode(message)).poses) == rows * 7 * 4
 
 
 def test_the_next_scene_is_told_while_the_participant_answers(visit: Callable[..., Visit]) -> None:
     session = visit(environments=(FEEDING, SCRATCHING), seeds=(1, 2))
     session.go_to("questionnaire")
-    (upcoming,) = session.received(Upcoming)
+    (upcoming,) = session.received(NextScene)
     number = int(upcoming.url.removeprefix("/scenes/").removesuffix(".glb"))
     environment, person, _ = session.session.scenes[number]
     assert environment == SCRATCHING
@@ -129,17 +129,17 @@ def test_no_trial_begins_before_its_scene_is_shown(visit: Callable[..., Visit]) 
     session.send(SceneLoaded(url=session.received(Scene)[-1].url))
     session.tick()
     assert session.phase == "ready"
-    session.send(Ready())
+    session.send(ParticipantReady())
     session.tick()
     assert session.phase == "free_before"
 
 
 def test_time_never_jumps_back_between_worlds(visit: Callable[..., Visit]) -> None:
     session = visit(environments=(FEEDING, SCRATCHING), seeds=(1, 2))
-    session.send(Entered())
+    session.send(VrEntered())
     attend(session)
-    for number in (lambda state: state.simulation_time_s, lambda state: state.sequence):
-        told = [number(state) for state in session.received(State)]
+    for number in (lambda state: state.simulation_time_s, lambda state: state.sequence_number):
+        told = [number(state) for state in session.received(WorldState)]
         assert told == sorted(set(told))
 
 
@@ -167,10 +167,10 @@ def test_the_session_ticks_on_while_a_world_is_made(tmp_path: Path) -> None:
         plan(), constant_policies(plan()), tmp_path, visit.inbox.append, "slow", workers=workers
     )
     visit.calibrate()
-    states = len(visit.received(State))
+    states = len(visit.received(WorldState))
     visit.tick(100)
     assert visit.phase == "loading"
-    assert len(visit.received(State)) == states + 100
+    assert len(visit.received(WorldState)) == states + 100
     workers.work()
     visit.run_until("free_before")
     visit.leave()
@@ -185,7 +185,7 @@ def test_a_world_that_cannot_be_made_is_named_and_tried_again(
         session.calibrate()
         session.run_until("paused")
         assert "cannot be created" in session.problems[-1]
-    session.send(Ready())
+    session.send(ParticipantReady())
     session.run_until("trial")
 
 
@@ -202,7 +202,7 @@ def test_no_world_begins_with_the_robot_in_the_participant(visit: Callable[..., 
     assert "the person's right" in session.problems[-1]
     session.pose_rad = SEATED_POSE_RAD
     session.tick(300)
-    session.send(Ready())
+    session.send(ParticipantReady())
     session.run_until("trial")
     assert session.session.trial_index == 1
 
@@ -212,15 +212,17 @@ def test_a_session_may_begin_with_a_later_trial(tmp_path: Path) -> None:
     assert [(t.environment, t.seed, t.practice) for t in trials] == [
         (FEEDING, 7, True), (FEEDING, 8, False), (SCRATCHING, 9, True), (SCRATCHING, 10, False)
     ]  # fmt: skip
-    late = SessionPlan(trials, "woman", 0.1, simulated=True, trial_steps=2, countdown_s=0.1, first_trial=3)
+    late = SessionPlan(
+        trials, "woman", 0.1, is_simulated=True, trial_steps=2, countdown_s=0.1, first_trial_number=3
+    )
     visit = Visit(tmp_path, late)
-    visit.send(Entered())
+    visit.send(VrEntered())
     attend(visit)
     assert [path.name for path in visit.session.recordings] == [
         "trial-03_attempt-1.mcap", "trial-04_attempt-1.mcap"
     ]  # fmt: skip
     with pytest.raises(ValueError, match="allowed: 1 to 4"):
-        SessionPlan(trials, "woman", 0.1, simulated=True, first_trial=5)
+        SessionPlan(trials, "woman", 0.1, is_simulated=True, first_trial_number=5)
 
 
 # The observer ------------------------------------------------------------------------------------------------
@@ -232,19 +234,21 @@ def test_the_observer_is_told_all_in_order(visit: Callable[..., Visit]) -> None:
     session.go_to("questionnaire")
     session.answer(7, 6, 5, 4)
     names = [
-        type(each).__name__ for each in session.observed if not isinstance(each, session_events.PhaseEntered)
+        type(each).__name__
+        for each in session.observed
+        if not isinstance(each, read_session_events.PhaseEntered)
     ]
     assert [name for name in names if name != "HeadsetUsed"] == [
         "ConnectionFound", "Calibrated", "TrialBegun", *["Answered"] * 4, "TrialEnded"
     ]  # fmt: skip
-    entered = [each.phase for each in happened(session, session_events.PhaseEntered)]
+    entered = [each.phase for each in happened(session, read_session_events.PhaseEntered)]
     assert entered == session.phases[1:]
     times = [each.time_s for each in session.observed]
     assert times == sorted(times)
-    assert [(each.answer.item, each.answer.value) for each in happened(session, session_events.Answered)] == [
+    assert [(each.answer.item, each.answer.value) for each in happened(session, read_session_events.Answered)] == [
         ("L1", 7), ("L2", 6), ("L3", 5), ("L4", 4)
     ]  # fmt: skip
-    (ended,) = happened(session, session_events.TrialEnded)
+    (ended,) = happened(session, read_session_events.TrialEnded)
     assert (ended.result, ended.complete, ended.steps, ended.attempt) == ("completed", True, 3, 1)
     assert ended.recording == session.session.recordings[0]
 
@@ -259,18 +263,18 @@ def test_the_observer_is_told_of_losses(visit: Callable[..., Visit]) -> None:
     session.send(ParticipantDisconnected())
     names = [type(each).__name__ for each in session.observed]
     assert names.count("TrackingLost") == names.count("TrackingFound") == names.count("ConnectionLost") == 1
-    assert happened(session, session_events.TrialEnded)[0].result == "interrupted"
+    assert happened(session, read_session_events.TrialEnded)[0].result == "interrupted"
 
 
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(
-    "kind", [session_events.TrialBegun, session_events.Answered, session_events.TrialEnded]
+    "kind", [read_session_events.TrialBegun, read_session_events.Answered, read_session_events.TrialEnded]
 )
 def test_what_an_observer_cannot_keep_is_repeated(tmp_path: Path, kind: type) -> None:
     """A study's database that fails costs the attempt, never a wrong entry."""
     failures = [1]
 
-    def fail_once(event: session_events.SessionEvent) -> None:
+    def fail_once(event: read_session_events.SessionEvent) -> None:
         if isinstance(event, kind) and failures:
             failures.pop()
             raise OSError("the database is gone")
@@ -288,7 +292,7 @@ def test_what_an_observer_cannot_keep_is_repeated(tmp_path: Path, kind: type) ->
             break
     assert visit.phase == "paused"
     assert "the database is gone" in visit.problems[-1]
-    visit.send(Ready())
+    visit.send(ParticipantReady())
     attend(visit)
     assert len(visit.session.recordings) == 2
     visit.leave()
@@ -302,8 +306,8 @@ def test_the_experimenter_stops_the_robot(visit: Callable[..., Visit]) -> None:
     session.go_to("trial")
     command(session, "stop")
     assert session.phase == "paused"
-    assert [each.by for each in happened(session, session_events.Stopped)] == ["experimenter"]
-    session.send(Ready())
+    assert [each.by for each in happened(session, read_session_events.Stopped)] == ["experimenter"]
+    session.send(ParticipantReady())
     session.run_until("trial")
 
 
@@ -321,14 +325,14 @@ def test_while_the_experimenter_pauses_no_trial_begins(visit: Callable[..., Visi
         session.answer(4, 4, 4, 4)
     session.tick(30)
     assert session.phase == "paused"
-    assert session.received(Status)[-1].paused
-    session.send(Ready())
+    assert session.received(SessionStatus)[-1].paused
+    session.send(ParticipantReady())
     assert session.phase == "paused"
     assert "experimenter" in session.problems[-1]
     command(session, "continue")
     session.run_until("trial")
     running = phase in ("free_before", "countdown", "trial")
-    ended = happened(session, session_events.TrialEnded)
+    ended = happened(session, read_session_events.TrialEnded)
     assert [each.result for each in ended] == (
         ["paused"] if running else [] if phase == "check" else ["completed"]
     )
@@ -347,10 +351,10 @@ def test_a_trial_is_repeated_or_skipped(visit: Callable[..., Visit], phase: str)
     command(session, "skip")
     session.run_until("trial")
     assert session.session.recordings[-1].name == "trial-02_attempt-1.mcap"
-    assert [each.trial for each in happened(session, session_events.TrialSkipped)] == [1]
+    assert [each.trial for each in happened(session, read_session_events.TrialSkipped)] == [1]
     command(session, "skip")
     assert session.phase == "finished"
-    results = [each.result for each in happened(session, session_events.TrialEnded)]
+    results = [each.result for each in happened(session, read_session_events.TrialEnded)]
     assert results[-2:] == ["skipped", "skipped"]
     assert "completed" not in results
 
@@ -361,7 +365,15 @@ def test_the_experimenter_ends_the_session_once(visit: Callable[..., Visit]) -> 
     command(session, "end")
     assert session.phase == "finished"
     assert session.recordings()[0].outcome is not None
-    names: tuple[CommandName, ...] = ("end", "pause", "repeat", "skip", "recalibrate", "stop", "continue")
+    names: tuple[ExperimenterCommandName, ...] = (
+        "end",
+        "pause",
+        "repeat",
+        "skip",
+        "recalibrate",
+        "stop",
+        "continue",
+    )
     for name in names:
         problems = len(session.problems)
         command(session, name)
@@ -376,14 +388,14 @@ def test_a_wrong_measure_is_taken_again(visit: Callable[..., Visit], who: str) -
     measured_m = session.session.person.torso_height_m
     taller = replace(session.participant.traits, torso_height_m=0.60)
     session.participant = SimulatedParticipant(taller, 3)
-    session.send(Recalibrate() if who == "participant" else Command(name="recalibrate"))
+    session.send(RecalibrationRequest() if who == "participant" else ExperimenterCommand(name="recalibrate"))
     assert session.phase == "calibration"
     session.tracking = False
     for number in range(10_000, 10_020):
-        frame = session.participant.tracking_frame(session.now_s, moving=False)
+        frame = session.participant.make_tracking_frame(session.now_s, moving=False)
         session.send(msgspec.structs.replace(frame, sequence=number))
         session.tick()
-    session.send(Ready())
+    session.send(ParticipantReady())
     session.run_until("check")
     assert session.session.person.torso_height_m == pytest.approx(0.60, abs=0.005)
     assert session.session.person.torso_height_m != measured_m
@@ -393,11 +405,11 @@ def test_who_comes_back_keeps_their_torso_height(visit: Callable[..., Visit]) ->
     session = visit()
     session.go_to("trial")
     height_m = session.session.person.torso_height_m
-    session.send(Left())
+    session.send(VrLeft())
     session.calibrate()
     session.run_until("trial")
     assert session.session.person.torso_height_m == height_m
-    assert [each.measured for each in happened(session, session_events.Calibrated)] == [True, False]
+    assert [each.measured for each in happened(session, read_session_events.Calibrated)] == [True, False]
 
 
 @pytest.mark.parametrize("phase", ["waiting", "calibration", "check", "trial", "questionnaire"])
@@ -406,19 +418,19 @@ def test_a_torso_height_is_corrected(visit: Callable[..., Visit], phase: str) ->
     """A trial whose questions are open counts: the next one has the corrected height."""
     session = visit(seeds=(3, 4))
     session.go_to(phase)
-    session.send(CorrectTorsoHeight(torso_height_m=0.61))
+    session.send(TorsoHeightCorrection(torso_height_m=0.61))
     if phase == "questionnaire":
         session.answer(4, 4, 4, 4)
     if phase == "waiting":
-        session.send(Entered())
+        session.send(VrEntered())
     if phase in ("waiting", "calibration"):
         session.tick(60)
-        session.send(Ready())
+        session.send(ParticipantReady())
     session.confirms = True
     session.run_until("trial")
     session.leave()
     assert session.recordings()[-1].configuration.person.torso_height_m == 0.61
-    assert session.received(Status)[-1].torso_height_m == 0.61
+    assert session.received(SessionStatus)[-1].torso_height_m == 0.61
 
 
 @pytest.mark.parametrize("height_m", [0.0, -1.0, 2.0, float("nan"), float("inf")])
@@ -426,7 +438,7 @@ def test_a_torso_height_that_nobody_has_is_refused(visit: Callable[..., Visit], 
     session = visit()
     session.go_to("trial")
     before = session.session.person
-    session.send(CorrectTorsoHeight(torso_height_m=height_m))
+    session.send(TorsoHeightCorrection(torso_height_m=height_m))
     assert session.phase == "trial"
     assert session.session.person is before
     assert "torso height" in session.problems[-1]
@@ -439,31 +451,34 @@ def test_touches_are_felt_on_the_arm_that_is_touched() -> None:
     """The tool is put onto one hand after the other."""
     world = LiveWorld(FEEDING, human.Person())
     touch, simulation = ArmContactMonitor(world.simulation), world.simulation
-    assert touch.touched_sides() == (False, False)
+    assert touch.detect_touched_arms() == (False, False)
     model = simulation.batch.get_model(0)
     base = model.body("robot/" + world.scene_config.robot.base).id
     body_pos, _ = simulation.batch.expand("body_pos"), None
     for side, felt in (("left", (True, False)), ("right", (False, True))):
-        poses = dict(zip(simulation.bodies, simulation.body_poses(0), strict=True))
+        poses = dict(zip(simulation.bodies, simulation.get_body_poses(0), strict=True))
         body_pos[0, base] += poses[f"person/{side}_hand"][:3] - poses["robot/tool"][:3]
         simulation.batch.forward([0])
-        assert touch.touched_sides() == felt
+        assert touch.detect_touched_arms() == felt
 
 
 def test_feedback_is_told_when_something_changes(visit: Callable[..., Visit], monkeypatch) -> None:
     session = visit()
     session.go_to("free_before")
-    told = len(session.received(Feedback))
+    told = len(session.received(HapticAndAudioFeedback))
     with monkeypatch.context() as touched:
-        touched.setattr(ArmContactMonitor, "touched_sides", lambda self: (True, False))
+        touched.setattr(ArmContactMonitor, "detect_touched_arms", lambda self: (True, False))
         session.tick(40)
     session.tick(40)
-    assert session.received(Feedback)[told:] == [Feedback(True, False, 0), Feedback(False, False, 0)]
+    assert session.received(HapticAndAudioFeedback)[told:] == [
+        HapticAndAudioFeedback(True, False, 0),
+        HapticAndAudioFeedback(False, False, 0),
+    ]
 
 
 def test_scenes_are_shared_by_trials_that_look_alike(visit: Callable[..., Visit]) -> None:
     session = visit(environments=(FEEDING, SCRATCHING), seeds=range(4))
-    session.send(Entered())
+    session.send(VrEntered())
     attend(session)
     assert [environment for environment, *_ in session.session.scenes] == [FEEDING, FEEDING, SCRATCHING]
 
@@ -471,7 +486,7 @@ def test_scenes_are_shared_by_trials_that_look_alike(visit: Callable[..., Visit]
 def test_people_rest_as_their_task_finds_them() -> None:
     person = human.Person("man", 0.6)
     for environment in ENVIRONMENTS:
-        resting = trial_worlds.resting_person(environment, person)
-        pose = TASKS[find_environment(environment)[0]].pose
-        assert np.array_equal(resting.joint_angles_rad, pose.rest_rad)
+        resting = trial_worlds.make_resting_person(environment, person)
+        pose = TASKS[find_environment(environment)[0]].pose_distribution
+        assert np.array_equal(resting.joint_angles_rad, pose.rest_angles_rad)
         assert (resting.sex, resting.torso_height_m) == ("man", 0.6)

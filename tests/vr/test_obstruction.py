@@ -12,10 +12,10 @@ from avrgym.models import human, robot
 from avrgym.models.human import Person
 from avrgym.models.scene import SCENE_TOOL_BODY
 from avrgym.vr.live_world.drivers import Driver, OperatorDriver
-from avrgym.vr.live_world.obstruction import OBSTRUCTED_DISPLACEMENT_M, ObstructionMonitor
+from avrgym.vr.live_world.obstruction import OBSTRUCTION_START_DISPLACEMENT_M, ObstructionMonitor
 from avrgym.vr.live_world.world import LiveWorld
-from avrgym.vr.protocol.messages import TICK_S, Drive, State
-from avrgym.vr.tracking.body import RELAXED_ANGLES_RAD, BodyPose
+from avrgym.vr.protocol.messages import TICK_S, VelocityCommand, WorldState
+from avrgym.vr.tracking.body import RELAXED_JOINT_ANGLES_RAD, BodyPose
 from avrgym.vr.tracking.jumps import TRACKED_BODY_PARTS
 from helpers.vr.visit import ENVIRONMENT, Visit, plan
 
@@ -26,10 +26,10 @@ class Sitting:
     """Somebody in a world whose robot stands still, and who moves their right hand."""
 
     def __init__(self) -> None:
-        person = Person("woman", 0.54, RELAXED_ANGLES_RAD)
+        person = Person("woman", 0.54, RELAXED_JOINT_ANGLES_RAD)
         self.world = LiveWorld(ENVIRONMENT, person)
         self.obstruction = ObstructionMonitor(self.world.simulation, self.world.skeleton)
-        self.rest = pose_of(person, self.world.scene_config.posture, RELAXED_ANGLES_RAD)
+        self.rest = pose_of(person, self.world.scene_config.posture, RELAXED_JOINT_ANGLES_RAD)
         assert self.rest.left is not None
         assert self.rest.right is not None
         self.start_w = self.rest.right.pos_w
@@ -37,14 +37,14 @@ class Sitting:
     def reach(self, hand_w: np.ndarray, driver: Driver | None = None) -> tuple[str, ...]:
         """Go on for a tick towards a place of the right hand's centre; what is held back."""
         assert self.rest.right is not None
-        pose = BodyPose(self.rest.head, self.rest.left, replace(self.rest.right, pos_w=hand_w))
+        pose = BodyPose(self.rest.head_pose, self.rest.left, replace(self.rest.right, pos_w=hand_w))
         self.world.follow_pose(pose)
         self.world.tick(driver)
-        return self.obstruction.obstructed_parts()
+        return self.obstruction.detect_obstructed_parts()
 
     def hand_w(self, side: str = "right") -> np.ndarray:
         """Where the centre of a simulated hand is."""
-        pose = self._pose(f"{human.PREFIX}{side}_hand")
+        pose = self._pose(f"{human.PERSON_NAME_PREFIX}{side}_hand")
         return pose[:3] - transforms.rotate(pose[3:], [0.0, 0.0, self.world.skeleton.hand_m])
 
     def tool_w(self) -> np.ndarray:
@@ -53,11 +53,13 @@ class Sitting:
 
     def robot_w(self) -> np.ndarray:
         """Where the part of the robot is that is nearest to the right hand."""
-        parts = [self._pose(name)[:3] for name in self.world.bodies if name.startswith(robot.PREFIX)]
+        parts = [
+            self._pose(name)[:3] for name in self.world.bodies if name.startswith(robot.ROBOT_NAME_PREFIX)
+        ]
         return min(parts, key=lambda pos_w: float(np.linalg.norm(pos_w - self.hand_w())))
 
     def _pose(self, body: str) -> np.ndarray:
-        return self.world.simulation.body_poses(0)[self.world.bodies.index(body)]
+        return self.world.simulation.get_body_poses(0)[self.world.bodies.index(body)]
 
 
 @pytest.fixture
@@ -104,24 +106,26 @@ def test_a_robot_that_pushes_an_arm_holds_it_back(sitting: Sitting) -> None:
     for tick in range(300):
         way_w = sitting.hand_w() - sitting.tool_w()
         left, backward, up = (0.5 * transforms.normalize(way_w)).tolist()
-        operator.apply_command(Drive(True, (-backward, left, up), (0.0, 0.0, 0.0)), tick * TICK_S)
+        operator.apply_velocity_command(
+            VelocityCommand(True, (-backward, left, up), (0.0, 0.0, 0.0)), tick * TICK_S
+        )
         held.append(sitting.reach(before_tool_w, operator))
     assert held[:50] == [()] * 50
     assert "right" in held[-1]
-    assert np.linalg.norm(sitting.hand_w() - before_tool_w) > OBSTRUCTED_DISPLACEMENT_M
+    assert np.linalg.norm(sitting.hand_w() - before_tool_w) > OBSTRUCTION_START_DISPLACEMENT_M
 
 
 def test_a_body_is_held_back_that_is_not_tracked(tmp_path: Path) -> None:
     visit = Visit(tmp_path, plan(free_movement_s=5.0))
     visit.tick(20)
-    assert visit.received(State)[-1].deviating_parts == list(TRACKED_BODY_PARTS)
+    assert visit.received(WorldState)[-1].deviating_parts == list(TRACKED_BODY_PARTS)
     visit.go_to("free_before")
     visit.tick(30)
-    state = visit.received(State)[-1]
+    state = visit.received(WorldState)[-1]
     assert state.deviating_parts == []
     np.testing.assert_allclose(
         np.frombuffer(state.joint_targets, "<f4"), visit.session.world.joint_targets_rad, atol=1e-6
     )
     visit.tracking = False
     visit.tick(30)
-    assert visit.received(State)[-1].deviating_parts == list(TRACKED_BODY_PARTS)
+    assert visit.received(WorldState)[-1].deviating_parts == list(TRACKED_BODY_PARTS)

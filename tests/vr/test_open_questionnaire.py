@@ -9,15 +9,15 @@ from avrgym.recording import answers_file
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.vr.protocol.messages import (
     Answer,
-    Back,
-    Command,
-    Entered,
-    Left,
+    ExperimenterCommand,
     OriginReset,
     ParticipantDisconnected,
-    Phase,
+    ParticipantReady,
+    PhaseDescription,
+    PreviousQuestionRequest,
     Question,
-    Ready,
+    VrEntered,
+    VrLeft,
     Welcome,
 )
 from avrgym.vr.session import events
@@ -47,7 +47,7 @@ def blink(visit: Visit) -> None:
     visit.send(ParticipantDisconnected())
     visit.tick(300)
     visit.session.send_initial_state(visit.inbox.append, "participant", visit.now_s)
-    visit.send(Entered())
+    visit.send(VrEntered())
 
 
 def reload(visit: Visit) -> None:
@@ -57,7 +57,7 @@ def reload(visit: Visit) -> None:
 
 
 def take_off(visit: Visit) -> None:
-    visit.send(Left())
+    visit.send(VrLeft())
 
 
 def recentre(visit: Visit) -> None:
@@ -74,22 +74,22 @@ def test_only_what_is_unanswered_is_asked(tmp_path: Path, happens: Callable[[Vis
     assert visit.phase == "questionnaire"
     question = visit.received(Question)[-1]
     assert (question.item, question.number, question.previous_answer) == ("L3", 3, None)
-    visit.send(Back())
+    visit.send(PreviousQuestionRequest())
     assert visit.received(Question)[-1].previous_answer == 2
     visit.answer(5, 3, 4)
     assert set(visit.phases[phases:]) <= {"questionnaire", "confirm", "loading", "waiting", "calibration"}
     recording = read_recording(visit.session.recordings[0])
-    assert (result(recording), recording.complete) == ("completed", True)
+    assert (result(recording), recording.is_complete) == ("completed", True)
     assert dict(recorded(recording)) == {"L1": 1, "L2": 5, "L3": 3, "L4": 4}
     assert [each.result for each in visit.observed if isinstance(each, events.TrialEnded)] == ["completed"]
     assert visit.session.trial_index == 1
     if happens is not blink and happens is not recentre:
         visit.tick(50)
         assert visit.phase == "waiting"
-        visit.send(Entered())
+        visit.send(VrEntered())
     visit.run_until("calibration")
     visit.tick(80)
-    visit.send(Ready())
+    visit.send(ParticipantReady())
     visit.run_until("questionnaire")
     visit.answer(4, 4, 4, 4)
     assert [result(each) for each in visit.recordings()] == ["completed", "completed"]
@@ -131,7 +131,7 @@ def test_a_server_that_stops_completes_the_trial(tmp_path: Path, phase: str) -> 
 
 def test_who_skips_the_questions_goes_on_without_answers(tmp_path: Path) -> None:
     visit = asked(tmp_path)
-    visit.send(Command("skip"))
+    visit.send(ExperimenterCommand("skip"))
     visit.tick(5)
     assert visit.session.trial_index == 1
     (left,) = (each for each in visit.observed if isinstance(each, events.QuestionsLeft))
@@ -143,7 +143,7 @@ def test_who_skips_the_questions_goes_on_without_answers(tmp_path: Path) -> None
 
 def test_a_complete_trial_is_not_repeated(tmp_path: Path) -> None:
     visit = asked(tmp_path)
-    visit.send(Left(), Command("repeat"))
+    visit.send(VrLeft(), ExperimenterCommand("repeat"))
     assert visit.phase == "questionnaire"
     assert "the trial is complete" in visit.problems[-1]
 
@@ -152,7 +152,7 @@ def test_an_answer_that_cannot_be_stored_is_asked_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     visit = asked(tmp_path)
-    visit.send(Left())
+    visit.send(VrLeft())
 
     def fail(*_: object) -> None:
         raise OSError("the disk is full")
@@ -173,13 +173,13 @@ def test_a_page_that_comes_back_shows_the_question(tmp_path: Path) -> None:
     reload(visit)
     last = [type(each) for each in visit.inbox[-7:]]
     assert last[0] is Welcome
-    assert last[-2:] == [Phase, Question]
+    assert last[-2:] == [PhaseDescription, Question]
 
 
 def test_a_line_that_a_crash_cut_off_is_left_out(tmp_path: Path) -> None:
     recording = tmp_path / "trial.mcap"
     for value in (3, 5):
         answers_file.append_answer(recording, Answer("L1", value, 1.0))
-    with open(answers_file.answers_path(recording), "ab") as file:
+    with open(answers_file.get_answers_path(recording), "ab") as file:
         file.write(b'{"item":"L2","val')
     assert [answer.value for answer in answers_file.read_answers(recording)] == [3, 5]

@@ -11,17 +11,17 @@ from avrgym.models.human import SKIN_TONES
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.protocol.messages import (
     PROTOCOL_VERSION,
-    Body,
+    AvailableRobotCommands,
     CommandLabel,
     Message,
-    Phase,
-    RobotCommands,
+    ParticipantBody,
+    PhaseDescription,
     Role,
     Scene,
-    State,
-    Status,
-    Timing,
+    SessionStatus,
+    TickTiming,
     Welcome,
+    WorldState,
 )
 from avrgym.vr.protocol.state_encoding import StateEncoder
 from avrgym.vr.scene.export_process import export_scene
@@ -57,8 +57,8 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> list[Message]:
     visit = Visit(tmp_path_factory.mktemp("visit"), plan(trial_steps=1000))
     visit.go_to("trial")
     visit.tick(100)
-    latest = [visit.received(kind)[-1] for kind in (Phase, Status)]
-    return [*latest, Timing(tick_ms_median=3.2, tick_ms_max=7.9, missed_ticks=0)]
+    latest = [visit.received(kind)[-1] for kind in (PhaseDescription, SessionStatus)]
+    return [*latest, TickTiming(tick_ms_median=3.2, tick_ms_max=7.9, missed_ticks=0)]
 
 
 def welcome(role: Role) -> Welcome:
@@ -148,7 +148,7 @@ def test_the_key_on_the_stop_stops(name: str, browser: Browser, said: list[Messa
 
 
 def test_an_experimenter_has_the_stop_before_the_robot_moves(browser: Browser, said: list[Message]) -> None:
-    waiting = Phase(name="waiting", text="", trial=0, trials=2, practice=False, seconds=None)
+    waiting = PhaseDescription(name="waiting", text="", trial=0, trials=2, practice=False, seconds=None)
     staged = stage(browser, "experimenter", [waiting], "spectator")
     assert staged.page.get_by_role("button", name=NAME).is_visible()
     staged.page.close()
@@ -158,8 +158,10 @@ def test_an_experimenter_has_the_stop_before_the_robot_moves(browser: Browser, s
 def test_pages_of_watchers_show_no_choices(role: Role, browser: Browser, said: list[Message]) -> None:
     """Watchers choose only their view. Body, commands and the stop are choices of other pages."""
     page = browser.new_page()
-    commands = RobotCommands([CommandLabel("wait", "Wait")], ["caregiver", "experimenter"], "", 1.0, 0.15)
-    body = Body("woman", next(iter(SKIN_TONES)), list(SKIN_TONES), list(SKIN_TONES.values()))
+    commands = AvailableRobotCommands(
+        [CommandLabel("wait", "Wait")], ["caregiver", "experimenter"], "", 1.0, 0.15
+    )
+    body = ParticipantBody("woman", next(iter(SKIN_TONES)), list(SKIN_TONES), list(SKIN_TONES.values()))
     staged = StagedPage(page, [welcome(role), body, *said, commands])
     staged.open("spectator")
     page.get_by_text("of 1000").wait_for()
@@ -256,7 +258,7 @@ def test_the_card_never_hides_the_robot(environment: str, browser: Browser, tmp_
     visit = Visit(tmp_path, plan(trial_steps=1000, environments=[environment]))
     visit.go_to("trial")
     visit.tick(10)
-    shown = [visit.received(kind)[-1] for kind in (Scene, Phase, Status)]
+    shown = [visit.received(kind)[-1] for kind in (Scene, PhaseDescription, SessionStatus)]
     page = browser.new_page(viewport={"width": 1366, "height": 768})
     page.add_init_script(f"({DRAW_LITTLE})()")
     staged = StagedPage(
@@ -264,7 +266,7 @@ def test_the_card_never_hides_the_robot(environment: str, browser: Browser, tmp_
     )
     staged.open("spectator")
     page.wait_for_function("() => !document.body.classList.contains('sceneless')", timeout=120_000)
-    staged.send(StateEncoder().encode(visit.received(State)[-1]))
+    staged.send(StateEncoder().encode(visit.received(WorldState)[-1]))
     for width, height in ((1366, 768), (390, 844), (1920, 1080)):
         page.set_viewport_size({"width": width, "height": height})
         page.wait_for_timeout(300.0)

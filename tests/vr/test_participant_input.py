@@ -10,7 +10,15 @@ import pytest
 from avrgym.recording.input_profile import InputProfile
 from avrgym.tasks.registry import TASKS
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Input, Offered, Press, Pressed, Target, Targets, Tracking
+from avrgym.vr.protocol.messages import (
+    InputProfileMessage,
+    OfferedTargets,
+    ParticipantTargets,
+    SelectionTarget,
+    TargetSelected,
+    TargetSelectionRequest,
+    TrackingFrameMessage,
+)
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import HeadsetCheckPlan
 from avrgym.vr.tracking.body import ARM_JOINT_INDICES
@@ -24,7 +32,7 @@ class Armless(Visit):
 
     untracked = True
 
-    def frame(self) -> Tracking:
+    def frame(self) -> TrackingFrameMessage:
         frame = super().frame()
         return msgspec.structs.replace(frame, left=None, right=None) if self.untracked else frame
 
@@ -47,7 +55,7 @@ def test_untracked_arms_rest_without_events_where_the_profile_needs_none(tmp_pat
     assert not [each for each in visit.observed if isinstance(each, lost)]
     visit.tick(400)
     joints = ARM_JOINT_INDICES["left"] + ARM_JOINT_INDICES["right"]
-    rest = TASKS["ScratchItch"].pose.rest_rad
+    rest = TASKS["ScratchItch"].pose_distribution.rest_angles_rad
     np.testing.assert_allclose(visit.session.world.joint_targets_rad[joints], rest[joints], atol=1e-9)
     (recording,) = visit.recordings()
     assert recording.configuration.input_profile == profile
@@ -62,8 +70,11 @@ def test_the_profile_may_change_during_a_trial(tmp_path: Path) -> None:
     visit.untracked = False
     visit.go_to("trial")
     profile = InputProfile("one-switch", scan_s=2.0, absent_arms=("left",))
-    visit.session.change_input(profile, visit.now_s)
-    assert (visit.received(Input)[-1].method, visit.received(Input)[-1].stops) == ("one-switch", ("switch",))
+    visit.session.change_input_profile(profile, visit.now_s)
+    assert (
+        visit.received(InputProfileMessage)[-1].method,
+        visit.received(InputProfileMessage)[-1].stops,
+    ) == ("one-switch", ("switch",))
     visit.untracked = True
     visit.run_until("questionnaire")
     changed = [each.profile for each in visit.observed if isinstance(each, events.InputChanged)]
@@ -77,15 +88,15 @@ def test_the_profile_may_change_during_a_trial(tmp_path: Path) -> None:
 
 def test_the_experimenter_selects_only_for_a_participant_with_that_profile(tmp_path: Path) -> None:
     visit = visiting(tmp_path, InputProfile("experimenter"))
-    offer = Offered(3, [Target(-4, "Go on")])
-    visit.send(offer, Press(3, -4))
-    assert visit.received(Targets) == [Targets(3, offer.targets)]
-    assert visit.received(Pressed) == [Pressed(3, -4)]
+    offer = OfferedTargets(3, [SelectionTarget(-4, "Go on")])
+    visit.send(offer, TargetSelectionRequest(3, -4))
+    assert visit.received(ParticipantTargets) == [ParticipantTargets(3, offer.targets)]
+    assert visit.received(TargetSelected) == [TargetSelected(3, -4)]
     visit.session.send_initial_state(visit.receive, "experimenter", visit.now_s)
-    assert len(visit.received(Targets)) == 2
-    visit.session.change_input(InputProfile("head"), visit.now_s)
-    visit.send(Press(3, -4))
-    assert len(visit.received(Pressed)) == 1
+    assert len(visit.received(ParticipantTargets)) == 2
+    visit.session.change_input_profile(InputProfile("head"), visit.now_s)
+    visit.send(TargetSelectionRequest(3, -4))
+    assert len(visit.received(TargetSelected)) == 1
     assert visit.problems[-1].startswith("the participant selects with head")
 
 
@@ -97,9 +108,9 @@ def test_a_stop_by_the_experimenter_is_the_stop_of_some_profiles(tmp_path: Path)
         (InputProfile("experimenter"), "headset_check"),
     ):
         visit = visiting(tmp_path / phase, profile, headset_check=check)
-        visit.send(messages.Entered())
+        visit.send(messages.VrEntered())
         visit.tick(10)
-        visit.send(messages.Ready())
+        visit.send(messages.ParticipantReady())
         visit.run_until("headset_stop")
-        visit.send(messages.Command("stop"))
+        visit.send(messages.ExperimenterCommand("stop"))
         assert visit.phase == phase

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from avrgym.array_types import FloatArray
 from avrgym.models import human
 from avrgym.models.furniture.real_furniture import RealFurniture
-from avrgym.models.human import JOINT_INDEX, RECLINED, SEATED, SEXES, Person, Sex
+from avrgym.models.human import JOINT_INDEX, RECLINED_POSTURE, SEATED_POSTURE, SEXES, Person, Sex
 from avrgym.models.scene import SCENE_TOOL_BODY
 from avrgym.networks.policy import Policy
 from avrgym.people.distributions import find_distribution
@@ -28,10 +28,17 @@ from avrgym.vr.emulation.simulated_participant import (
     SimulatedParticipant,
     sample_participant_traits,
 )
-from avrgym.vr.live_world.scene_message import poses as world_poses
-from avrgym.vr.live_world.scene_message import scene_message
+from avrgym.vr.live_world.scene_message import encode_world_poses as world_poses
+from avrgym.vr.live_world.scene_message import make_scene_message
 from avrgym.vr.live_world.world import LiveWorld
-from avrgym.vr.protocol.messages import SentMessage, State, Tracking, XRPose, decode_client, encode
+from avrgym.vr.protocol.messages import (
+    SentMessage,
+    TrackingFrameMessage,
+    WorldState,
+    XRPose,
+    decode_participant_message,
+    encode_message,
+)
 from avrgym.vr.protocol.webxr import Registration, is_valid_pose
 from avrgym.vr.session.attempt import AttemptResults
 from avrgym.vr.session.session import Session
@@ -46,11 +53,11 @@ def participant(seed: int, sex: Sex = "woman") -> SimulatedParticipant:
     return SimulatedParticipant(sample_participant_traits(sex, seed), seed)
 
 
-def poses(frame: Tracking) -> list[XRPose]:
+def poses(frame: TrackingFrameMessage) -> list[XRPose]:
     return [pose for pose in (frame.head, frame.left, frame.right) if pose is not None]
 
 
-def numbers(frame: Tracking) -> list[float]:
+def numbers(frame: TrackingFrameMessage) -> list[float]:
     return [number for pose in poses(frame) for number in (*pose.position, *pose.orientation)]
 
 
@@ -60,20 +67,20 @@ def test_frames_are_sound_at_any_time(sex: Sex) -> None:
         someone = participant(seed, sex)
         for time_s in (0.0, 0.01, 1.0, 59.9, 3600.0):
             for moving in (False, True):
-                frame = someone.tracking_frame(time_s, moving=moving)
+                frame = someone.make_tracking_frame(time_s, moving=moving)
                 assert len(poses(frame)) == 3
                 assert np.isfinite(numbers(frame)).all()
                 assert all(is_valid_pose(pose) for pose in poses(frame))
                 norms = [np.linalg.norm(pose.orientation) for pose in poses(frame)]
                 assert norms == pytest.approx([1.0] * 3, abs=1e-9)
                 assert frame.client_time_ms == 1000.0 * time_s
-                assert decode_client(encode(frame)) == frame
+                assert decode_participant_message(encode_message(frame)) == frame
 
 
 def test_frames_are_counted() -> None:
     someone = participant(1)
-    frames = [someone.tracking_frame(0.1 * i, moving=bool(i % 2)) for i in range(10)]
-    frames.append(someone.tracking_frame_from_angles(human.SEATED_POSE_RAD, 1.0))
+    frames = [someone.make_tracking_frame(0.1 * i, moving=bool(i % 2)) for i in range(10)]
+    frames.append(someone.make_tracking_frame_from_angles(human.SEATED_POSE_RAD, 1.0))
     assert [frame.sequence for frame in frames] == list(range(11))
 
 
@@ -88,9 +95,9 @@ def test_torso_heights_are_those_of_the_papers_participants(sex: Sex) -> None:
 def test_lying_and_sitting_participants_have_the_same_height(sex: Sex) -> None:
     someone = participant(4, sex)
     measured = []
-    for environment, posture in ((FEEDING, SEATED), (BATHING, RECLINED)):
+    for environment, posture in ((FEEDING, SEATED_POSTURE), (BATHING, RECLINED_POSTURE)):
         someone.adopt_posture(environment)
-        head = someone.tracking_frame(7.0, moving=False).head
+        head = someone.make_tracking_frame(7.0, moving=False).head
         assert head is not None
         measured.append(measure_torso_height(sex, posture, head, RealFurniture()))
     assert measured == pytest.approx([someone.traits.torso_height_m] * 2)
@@ -100,17 +107,22 @@ def test_lying_and_sitting_participants_have_the_same_height(sex: Sex) -> None:
 
 def arm_after_watching(cooperation: float, environment: str) -> FloatArray:
     """The right hand of somebody who watched the tool near their elbow for two seconds, in their own room."""
-    traits = replace(sample_participant_traits("woman", 2), cooperation_share=cooperation, sway_deg=0.0)
+    traits = replace(
+        sample_participant_traits("woman", 2), cooperation_fraction=cooperation, sway_amplitude_deg=0.0
+    )
     someone = SimulatedParticipant(traits, 2)
     someone.adopt_posture(environment)
-    world = LiveWorld(environment, Person("woman", traits.torso_height_m, TASKS["BedBathing"].pose.rest_rad))
-    someone.receive(world.scene_message(0, Registration(np.zeros(3), 0.0)))
+    world = LiveWorld(
+        environment,
+        Person("woman", traits.torso_height_m, TASKS["BedBathing"].pose_distribution.rest_angles_rad),
+    )
+    someone.receive(world.make_scene_message(0, Registration(np.zeros(3), 0.0)))
     poses = np.frombuffer(world.encode_poses(), "<f4").reshape(-1, 7).copy()
     poses[world.bodies.index(SCENE_TOOL_BODY)] = poses[world.bodies.index("person/right_forearm")]
     for i in range(20):
-        someone.receive(State(i, 0.1 * i, -1, b"", [], poses.tobytes()))
-    someone.tracking_frame(2.0, moving=True)
-    hand = someone.tracking_frame(3.0, moving=True).right
+        someone.receive(WorldState(i, 0.1 * i, -1, b"", [], poses.tobytes()))
+    someone.make_tracking_frame(2.0, moving=True)
+    hand = someone.make_tracking_frame(3.0, moving=True).right
     assert hand is not None
     return np.array(hand.position)
 
@@ -132,9 +144,9 @@ def test_people_of_other_kinds_move_smoothly_and_have_their_own_heights(
         assert (
             distribution.torso_height_man_m[0] <= traits.torso_height_m <= distribution.torso_height_man_m[1]
         )
-        assert (traits.partner_parameters is not None) == (people == "zoo/unseen")
+        assert (traits.behaviour_parameters is not None) == (people == "zoo/unseen")
         someone = SimulatedParticipant(traits, seed)
-        frames = [someone.tracking_frame(0.02 * i, moving=True).head for i in range(50)]
+        frames = [someone.make_tracking_frame(0.02 * i, moving=True).head for i in range(50)]
         places = np.array([frame.position for frame in frames if frame is not None])
         assert np.isfinite(places).all()
         assert np.abs(np.diff(places, axis=0)).max() < 0.04, "as far as heads tremble by 20° at 5 Hz"
@@ -143,12 +155,12 @@ def test_people_of_other_kinds_move_smoothly_and_have_their_own_heights(
 @pytest.mark.parametrize("sex", SEXES)
 def test_a_participant_at_rest_looks_horizontally(sex: Sex) -> None:
     someone = participant(4, sex)
-    head = someone.tracking_frame(7.0, moving=False).head
+    head = someone.make_tracking_frame(7.0, moving=False).head
     assert head is not None
-    height_m = human.PROPORTIONS[sex].seated_hips_height + someone.traits.torso_height_m
+    height_m = human.BODY_DIMENSIONS[sex].seated_hips_height_m + someone.traits.torso_height_m
     assert head.position[1] == pytest.approx(height_m, abs=1e-9)
     assert (head.orientation[0], head.orientation[2]) == pytest.approx((0.0, 0.0), abs=1e-9)
-    still = [numbers(someone.tracking_frame(time_s, moving=False)) for time_s in (0.0, 3.0)]
+    still = [numbers(someone.make_tracking_frame(time_s, moving=False)) for time_s in (0.0, 3.0)]
     assert still[0] == pytest.approx(still[1], abs=1e-8)
 
 
@@ -158,7 +170,7 @@ def test_movements_are_smooth_and_limited() -> None:
         someone = participant(seed)
         times_s = np.arange(0.0, 20.0, 0.05)
         heads = np.array(
-            [poses(someone.tracking_frame(time_s, moving=True))[0].position for time_s in times_s]
+            [poses(someone.make_tracking_frame(time_s, moving=True))[0].position for time_s in times_s]
         )
         travelled_m = np.ptp(heads, axis=0).max()
         assert 0.002 < travelled_m < 0.15
@@ -170,16 +182,18 @@ def test_a_watching_participant_turns_to_the_arm_and_back(environment: str) -> N
     someone = participant(2)
     someone.adopt_posture(environment)
     turned = [
-        degrees_off_the_right_hand(someone.tracking_frame(0.1 * step, moving=False, watching=10 <= step < 30))
+        degrees_off_the_right_hand(
+            someone.make_tracking_frame(0.1 * step, moving=False, watching=10 <= step < 30)
+        )
         for step in range(60)
     ]
-    offers_arm = TASKS[find_environment(environment)[0]].offered == "arm"
+    offers_arm = TASKS[find_environment(environment)[0]].offered_body_part == "arm"
     assert (turned[20] < 35.0) == offers_arm
     assert_allclose(turned[50:], turned[0], atol=0.01)
     assert np.abs(np.diff(turned)).max() < 10.0
 
 
-def degrees_off_the_right_hand(frame: Tracking) -> float:
+def degrees_off_the_right_hand(frame: TrackingFrameMessage) -> float:
     """Between where the headset points and where the right controller is."""
     assert frame.head is not None
     assert frame.right is not None
@@ -189,9 +203,9 @@ def degrees_off_the_right_hand(frame: Tracking) -> float:
 
 
 def test_the_same_seed_gives_the_same_participant() -> None:
-    def attend(seed: int) -> tuple[list[Tracking], list[int]]:
+    def attend(seed: int) -> tuple[list[TrackingFrameMessage], list[int]]:
         someone = participant(seed)
-        frames = [someone.tracking_frame(0.1 * i, moving=True) for i in range(20)]
+        frames = [someone.make_tracking_frame(0.1 * i, moving=True) for i in range(20)]
         return frames, [someone.rate_item("L1", 7, AttemptResults(success=bool(i % 2))) for i in range(20)]
 
     assert attend(3) == attend(3)
@@ -255,8 +269,8 @@ def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:
     trials = plan(practice=True, seeds=(1, 2), trial_steps=5)
 
     def send(message: SentMessage) -> None:
-        if isinstance(message, State):
-            seen.append(message.sequence)
+        if isinstance(message, WorldState):
+            seen.append(message.sequence_number)
         client.receive(message)
 
     session = Session(
@@ -268,8 +282,8 @@ def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:
         "a state that is due when a control step ends is that of the next tick"
     )
     practice, trial = (read_recording(path) for path in session.recordings)
-    assert practice.complete
-    assert trial.complete
+    assert practice.is_complete
+    assert trial.is_complete
     assert [answer.item for _, answer in trial.messages_by_topic["/answers"]] == [
         item.id for item in LIKERT_ITEMS
     ]
@@ -286,7 +300,7 @@ def test_a_participant_sits_and_then_lies_through_a_session(tmp_path: Path) -> N
     session = Session(trials, constant_policies(trials), tmp_path, client.receive, "lying")
     client.run(session)
     assert session.person.torso_height_m == pytest.approx(participant(1).traits.torso_height_m, abs=0.002)
-    assert all(read_recording(path).complete for path in session.recordings)
+    assert all(read_recording(path).is_complete for path in session.recordings)
 
 
 @pytest.mark.slow
@@ -309,19 +323,19 @@ def test_a_trained_human_acts_in_vr_as_in_training(environment, monkeypatch):
     monkeypatch.setattr(Policy, "act", lambda self, seen, *how: (told.append(seen), act(self, seen, *how))[1])
     task = TASKS[find_environment(environment)[0]]
     traits = sample_participant_traits("man", 3, trained=trained)
-    person = Person("man", traits.torso_height_m, task.pose.rest_rad)
+    person = Person("man", traits.torso_height_m, task.pose_distribution.rest_angles_rad)
     worlds = Episodes(environment, 1, person=person, human_actions=True, num_threads=1)
     worlds.reset(np.array([0]), [np.random.default_rng(0)])
     someone = SimulatedParticipant(traits, 3)
     someone.adopt_posture(environment)
-    someone.receive(scene_message(0, worlds, Registration(np.zeros(3), 0.0)))
+    someone.receive(make_scene_message(0, worlds, Registration(np.zeros(3), 0.0)))
     for step in range(4):
-        someone.receive(State(step, 0.1 * step, -1, b"", [], world_poses(worlds)))
-    (seen,) = worlds.human_observation()
+        someone.receive(WorldState(step, 0.1 * step, -1, b"", [], world_poses(worlds)))
+    (seen,) = worlds.observe_humans()
     goal = ~np.isnan(worlds.human_observer.scale)
     assert_allclose(told[0][0, ~goal], seen[~goal], atol=1e-5)
     assert_allclose(told[0][0, goal], seen[goal], atol=0.03)
-    acted = np.clip(trained.mean_actions(told[0])[0], -1.0, 1.0)
+    acted = np.clip(trained.compute_mean_actions(told[0])[0], -1.0, 1.0)
     offered = [JOINT_INDEX[name] for name in worlds.offered_joints]
     way = someone._wanted_rad[0] - person.joint_angles_rad
     rest_rad = person.joint_angles_rad[offered]
@@ -329,5 +343,7 @@ def test_a_trained_human_acts_in_vr_as_in_training(environment, monkeypatch):
     targets_rad = np.clip(targets_rad, human.LOWER_LIMITS_RAD[offered], human.UPPER_LIMITS_RAD[offered])
     assert_allclose(way[offered], targets_rad - rest_rad, atol=1e-6)
     assert_allclose(np.delete(way, offered), 0.0)
-    rest, gone = (numbers(someone.tracking_frame(1.0 + moving, moving=moving)) for moving in (False, True))
+    rest, gone = (
+        numbers(someone.make_tracking_frame(1.0 + moving, moving=moving)) for moving in (False, True)
+    )
     assert np.abs(np.subtract(rest, gone)).max() > 1e-3

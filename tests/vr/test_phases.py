@@ -12,29 +12,29 @@ from avrgym.commands.preferences import ConditionRules, apply_preferences
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.vr.protocol.messages import (
     Answer,
-    Back,
-    ChangePreferences,
-    ChooseBody,
-    ChooseParticipantBody,
-    Command,
-    CommandName,
-    CorrectTorsoHeight,
-    Entered,
+    BodyChoice,
+    BreakRequest,
+    ExperimenterCommand,
+    ExperimenterCommandName,
     Hello,
-    Left,
     OriginReset,
+    ParticipantBodyChoice,
     ParticipantDisconnected,
+    ParticipantReady,
+    PreferenceChangeRequest,
+    PreviousQuestionRequest,
     Question,
-    Ready,
-    Recalibrate,
+    RecalibrationRequest,
     ReceivedMessage,
-    RequestBreak,
     Scene,
     SceneLoaded,
     Stop,
+    TorsoHeightCorrection,
     VisibilityChanged,
+    VrEntered,
+    VrLeft,
 )
-from avrgym.vr.session import events as session_events
+from avrgym.vr.session import events as read_session_events
 from avrgym.vr.session.phases import PHASES
 from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.session.phases.setup_phases import ReachMeasurement
@@ -80,7 +80,7 @@ def test_every_annotation_names_phases(phase: type[Phase]) -> None:
     [
         ("can_be_stopped", "stop"),
         ("participant_located", "repeat"),
-        ("awaits_ready", "on_ready"),
+        ("awaits_confirmation", "on_ready"),
         ("can_recalibrate", "recalibrate"),
         ("can_choose_body", "choose_body"),
     ],
@@ -93,7 +93,7 @@ def test_a_phase_says_what_it_can_do(flag: str, step: str) -> None:
 class Walk:
     """A session of sitting and lying trials in a random world: a slow disk, a failing observer, a moody participant."""
 
-    COMMANDS: tuple[CommandName, ...] = (
+    COMMANDS: tuple[ExperimenterCommandName, ...] = (
         "stop",
         "pause",
         "continue",
@@ -104,13 +104,15 @@ class Walk:
         "break",
     )
     DISRUPTIONS: Sequence[ReceivedMessage] = (
-        Entered(), Left(), ParticipantDisconnected(), OriginReset(), Recalibrate(), RequestBreak(), Stop(), Ready(),
-        ChangePreferences(), ChangePreferences(),
+        VrEntered(), VrLeft(), ParticipantDisconnected(), OriginReset(), RecalibrationRequest(), BreakRequest(),
+        Stop(), ParticipantReady(),
+        PreferenceChangeRequest(), PreferenceChangeRequest(),
         Hello(4, "", "", True),
-        ChooseBody("woman", "fair"), ChooseBody("man", "dark"), ChooseParticipantBody("woman", "blue"),
+        BodyChoice("woman", "fair"), BodyChoice("man", "dark"), ParticipantBodyChoice("woman", "blue"),
         Answer("L1", 4, 1.0),
-        VisibilityChanged("visible-blurred"), VisibilityChanged("visible"), VisibilityChanged("visible"), Back(),
-        CorrectTorsoHeight(0.55), CorrectTorsoHeight(5.0), *(Command(name) for name in COMMANDS),
+        VisibilityChanged("visible-blurred"), VisibilityChanged("visible"), VisibilityChanged("visible"),
+        PreviousQuestionRequest(),
+        TorsoHeightCorrection(0.55), TorsoHeightCorrection(5.0), *(ExperimenterCommand(name) for name in COMMANDS),
     )  # fmt: skip
 
     def __init__(self, folder: Path, seed: int) -> None:
@@ -126,7 +128,7 @@ class Walk:
             trials,
             trials=[replace(each, rules=paced, allow_preference_changes=True) for each in trials.trials],
             headset_check=checked,
-            measure_reach=True,
+            reach_measurement_enabled=True,
             break_items=LIKERT_ITEMS[:1],
         )
         how: dict[str, Any] = {"observe": self._observe, "is_stored": self._is_stored}
@@ -137,7 +139,7 @@ class Walk:
         )
         self.visit.loads_scenes = self.visit.confirms = False
 
-    def _observe(self, _event: session_events.SessionEvent) -> None:
+    def _observe(self, _event: read_session_events.SessionEvent) -> None:
         if self._world.random() < 0.01:
             raise OSError("the observer fails")
         self._busy = self._world.choice([0, 0, 0, 3, 20])
@@ -167,12 +169,22 @@ class Walk:
 
     def _go_on(self) -> None:
         if self.visit.phase == "waiting":
-            self._tell(Entered())
+            self._tell(VrEntered())
         elif self.visit.phase == "headset":
-            shown = SceneLoaded(self.visit.received(Scene)[-1].url) if self.visit.received(Scene) else Ready()
-            self._tell(self._chance.choice([Ready(), Ready(), shown, shown, Command("skip")]))
+            shown = (
+                SceneLoaded(self.visit.received(Scene)[-1].url)
+                if self.visit.received(Scene)
+                else ParticipantReady()
+            )
+            self._tell(
+                self._chance.choice(
+                    [ParticipantReady(), ParticipantReady(), shown, shown, ExperimenterCommand("skip")]
+                )
+            )
         elif self.visit.phase in ("calibration", "check", "ready", "break", "paused"):
-            self._tell(self._chance.choice([Ready(), Ready(), Command("continue")]))
+            self._tell(
+                self._chance.choice([ParticipantReady(), ParticipantReady(), ExperimenterCommand("continue")])
+            )
         elif self.visit.phase == "loading" and self.visit.received(Scene):
             shown = SceneLoaded(self.visit.received(Scene)[-1].url)
             self._tell(self._chance.choice([shown, shown, shown, OriginReset()]))
@@ -182,7 +194,9 @@ class Walk:
         elif self.visit.phase == "headset_stop":
             self._tell(Stop(method="palm"))
         elif self.visit.phase == "confirm":
-            self._tell(self._chance.choice([Ready(), Ready(), Back()]))
+            self._tell(
+                self._chance.choice([ParticipantReady(), ParticipantReady(), PreviousQuestionRequest()])
+            )
 
     def _tell(self, message: ReceivedMessage) -> None:
         self.messages += 1
@@ -229,8 +243,8 @@ def test_no_message_and_no_tick_leads_where_no_annotation_does(
 
 
 def test_a_session_whose_end_cannot_be_stored_stays_finished(tmp_path: Path) -> None:
-    def fail(event: session_events.SessionEvent) -> None:
-        if isinstance(event, session_events.PhaseEntered) and event.phase == "finished":
+    def fail(event: read_session_events.SessionEvent) -> None:
+        if isinstance(event, read_session_events.PhaseEntered) and event.phase == "finished":
             raise OSError("the database is gone")
 
     short = plan()
@@ -241,7 +255,7 @@ def test_a_session_whose_end_cannot_be_stored_stays_finished(tmp_path: Path) -> 
     )
     visit.go_to("finished")
     visit.tick()
-    visit.send(Ready())
+    visit.send(ParticipantReady())
     visit.tick()
     assert visit.phase == "finished"
     assert any("the database is gone" in problem for problem in visit.problems)
@@ -251,7 +265,7 @@ def test_a_session_whose_end_cannot_be_stored_stays_finished(tmp_path: Path) -> 
 def test_a_torso_height_may_be_corrected_while_the_scene_loads(tmp_path: Path) -> None:
     visit = Visit(tmp_path, plan())
     visit.go_to("loading")
-    visit.send(CorrectTorsoHeight(torso_height_m=0.61))
+    visit.send(TorsoHeightCorrection(torso_height_m=0.61))
     visit.tick(3)
     visit.loads_scenes = True
     visit.run_until("trial")
@@ -274,7 +288,7 @@ def test_a_failure_while_the_scene_loads_is_forgotten_when_a_trial_is_stored_lat
     visit.go_to("loading")
     visit.loads_scenes = True
     visit.run_until("paused")
-    visit.send(Ready())
+    visit.send(ParticipantReady())
     visit.run_until("questionnaire")
     stored[0] = False
     visit.answer(4, 4, 4, 4)

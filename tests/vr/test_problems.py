@@ -12,17 +12,17 @@ from websockets.sync.client import ClientConnection
 from avrgym.vr.protocol.messages import (
     PROTOCOL_VERSION,
     Answer,
-    ChooseBody,
-    Command,
-    CommandName,
-    CorrectTorsoHeight,
-    Entered,
+    BodyChoice,
+    ExperimenterCommand,
+    ExperimenterCommandName,
     Hello,
     Message,
-    Phase,
+    PhaseDescription,
     Problem,
-    Recalibrate,
+    RecalibrationRequest,
     Stop,
+    TorsoHeightCorrection,
+    VrEntered,
 )
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
@@ -30,16 +30,16 @@ from helpers.vr.visit import Visit, constant_policies, plan
 
 WAITING = "waiting"
 BY_EXPERIMENTER = (
-    *(Command(name=name) for name in ("stop", "continue", "repeat", "skip", "recalibrate")),
-    CorrectTorsoHeight(torso_height_m=9.0),
-    ChooseBody(sex="man", skin_tone="plaid"),
+    *(ExperimenterCommand(name=name) for name in ("stop", "continue", "repeat", "skip", "recalibrate")),
+    TorsoHeightCorrection(torso_height_m=9.0),
+    BodyChoice(sex="man", skin_tone="plaid"),
     Hello(PROTOCOL_VERSION, "?", "again", emulated=True),
 )
 BY_PARTICIPANT = (
     Stop(),
-    Recalibrate(),
+    RecalibrationRequest(),
     Answer(item="L1", value=1, response_time_s=1.0),
-    ChooseBody(sex="man", skin_tone="plaid"),
+    BodyChoice(sex="man", skin_tone="plaid"),
     Hello(PROTOCOL_VERSION, "?", "again", emulated=True),
 )
 
@@ -60,17 +60,17 @@ def parties(tmp_path: Path) -> Iterator[dict[str, ClientConnection]]:
             for role in ("experimenter", "spectator")
         }
         for socket in watching.values():
-            hear(socket, Phase)
+            hear(socket, PhaseDescription)
         yield {"participant": entered.enter_context(participant(server)), **watching}
 
 
 def problems(parties: dict[str, ClientConnection]) -> dict[str, int]:
     """The number of problems that each role received until the participant entered VR."""
-    tell(parties["participant"], Entered())
+    tell(parties["participant"], VrEntered())
     counts = {}
     for role, socket in parties.items():
         counts[role] = 0
-        while not (isinstance(heard := hear(socket, Message), Phase) and heard.name != WAITING):
+        while not (isinstance(heard := hear(socket, Message), PhaseDescription) and heard.name != WAITING):
             counts[role] += isinstance(heard, Problem)
     return counts
 
@@ -95,7 +95,7 @@ def test_the_experimenter_receives_problems_of_the_participant(
         assert isinstance(hear(parties["participant"], Problem), Problem)
     told = problems(parties)
     own = sum(isinstance(wrong, Hello) for wrong in BY_PARTICIPANT)
-    in_detail = sum(isinstance(wrong, ChooseBody) for wrong in BY_PARTICIPANT)
+    in_detail = sum(isinstance(wrong, BodyChoice) for wrong in BY_PARTICIPANT)
     expected = len(BY_PARTICIPANT) - own + in_detail
     assert told == {"participant": 0, "experimenter": expected, "spectator": 0}
 
@@ -105,6 +105,6 @@ def test_every_problem_has_a_role(tmp_path: Path, phase: str) -> None:
     visit = Visit(tmp_path, plan())
     visit.go_to(phase)
     before = len(visit.received(Problem))
-    for name in get_args(CommandName):
-        visit.send(Command(name=name))
+    for name in get_args(ExperimenterCommandName):
+        visit.send(ExperimenterCommand(name=name))
     assert {problem.role for problem in visit.received(Problem)[before:]} <= {"experimenter"}

@@ -9,21 +9,21 @@ import pytest
 from msgspec.structs import replace as replace_frame
 
 from avrgym.models import human
-from avrgym.models.human import SEATED, Person
-from avrgym.models.human_shape import skin_meshes
+from avrgym.models.human import SEATED_POSTURE, Person
+from avrgym.models.human_shape import make_skin_meshes
 from avrgym.recording.reader import read_recording
-from avrgym.replay.verification import verify
-from avrgym.study.design.design import default_design_text, parse_design
-from avrgym.vr.protocol.messages import Phase, Ready
+from avrgym.replay.verification import verify_recording
+from avrgym.study.design.design import parse_design, read_default_design_text
+from avrgym.vr.protocol.messages import ParticipantReady, PhaseDescription
 from avrgym.vr.session import events
 from avrgym.vr.tracking.arm import ArmLengths
 from avrgym.vr.tracking.calibration import measure_arm_scale
 from helpers.vr.visit import Visit, plan
 
 STRAIGHT = {"right_elbow_x": 0.0, "left_elbow_x": 0.0}
-AHEAD_RAD = human.seated_joint_angles(right_shoulder_x=-85.0, left_shoulder_x=-85.0, **STRAIGHT)
-ASIDE_RAD = human.seated_joint_angles(right_shoulder_y=85.0, left_shoulder_y=-85.0, **STRAIGHT)
-REACHING = replace(plan(free_movement_s=6.0), measure_reach=True)
+AHEAD_RAD = human.make_seated_joint_angles(right_shoulder_x=-85.0, left_shoulder_x=-85.0, **STRAIGHT)
+ASIDE_RAD = human.make_seated_joint_angles(right_shoulder_y=85.0, left_shoulder_y=-85.0, **STRAIGHT)
+REACHING = replace(plan(free_movement_s=6.0), reach_measurement_enabled=True)
 
 
 class Reacher(Visit):
@@ -33,15 +33,15 @@ class Reacher(Visit):
         super().__init__(folder, REACHING)
         traits = self.participant.traits
         person = Person(traits.sex, traits.torso_height_m, arm_scale=arm_scale)
-        self.participant._model = human.person_model(person, SEATED, moving=True)
+        self.participant._model = human.compile_person_model(person, SEATED_POSTURE, moving=True)
         self.participant._data = mujoco.MjData(self.participant._model)
 
     def stretch(self) -> None:
         self.calibrate()
         assert self.phase == "reach"
         for pose_rad in (AHEAD_RAD, ASIDE_RAD):
-            self.pose_rad, told = pose_rad, self.received(Phase)[-1].text
-            while self.received(Phase)[-1].text == told:
+            self.pose_rad, told = pose_rad, self.received(PhaseDescription)[-1].text
+            while self.received(PhaseDescription)[-1].text == told:
                 self.tick()
         self.pose_rad = self.participant._rest_rad
 
@@ -61,9 +61,9 @@ def test_two_poses_tell_how_long_the_arms_are(tmp_path: Path, arm_scale: float) 
         "tracked": visit.participant._data,
         "simulated": visit.session.world.simulation.batch.get_data(0),
     }
-    heads = {name: data.site(human.PREFIX + "head_centre").xpos for name, data in hands.items()}
+    heads = {name: data.site(human.PERSON_NAME_PREFIX + "head_centre").xpos for name, data in hands.items()}
     reaches = {
-        name: np.linalg.norm(data.site(human.PREFIX + "right_hand_centre").xpos - heads[name])
+        name: np.linalg.norm(data.site(human.PERSON_NAME_PREFIX + "right_hand_centre").xpos - heads[name])
         for name, data in hands.items()
     }
     print(f"\narms {arm_scale:g}: measured {measured:.3f}, hand from head {reaches}")
@@ -79,15 +79,15 @@ def test_a_trial_with_other_arms_verifies_bit_by_bit(tmp_path: Path) -> None:
     visit.leave()
     recording = read_recording(visit.session.recordings[0])
     assert recording.configuration.person.arm_scale == pytest.approx(1.15, abs=0.02)
-    found = verify(recording)
-    assert found.identical_states == found.states > 0
+    found = verify_recording(recording)
+    assert found.num_identical_states == found.num_states > 0
 
 
 def test_the_trigger_leaves_it_out(tmp_path: Path) -> None:
     visit = Visit(tmp_path, REACHING)
     visit.calibrate()
     assert visit.phase == "reach"
-    visit.send(Ready())
+    visit.send(ParticipantReady())
     visit.run_until("free_before")
     assert visit.session.person.arm_scale == 1.0
     visit.leave()
@@ -121,17 +121,17 @@ def test_nobody_has_arms_that_no_adult_has() -> None:
 
 def test_drawn_arms_are_as_long_as_simulated_ones_and_nothing_else_changes() -> None:
     usual, long = Person("woman", 0.52), Person("woman", 0.52, arm_scale=1.2)
-    frames = [human.body_layout_of_people(human.People.from_persons([person])) for person in (usual, long)]
+    frames = [human.compute_people_layout(human.People.from_persons([person])) for person in (usual, long)]
     for name in human.BODIES:
         same = np.array_equal(frames[0].body_pos[name], frames[1].body_pos[name])
         assert same == (not name.endswith(("forearm", "hand")))
-    drawn = [dict(skin_meshes(person, open_mouth=False)) for person in (usual, long)]
+    drawn = [dict(make_skin_meshes(person, open_mouth=False)) for person in (usual, long)]
     widths_m = [max(np.ptp(part.vertices[:, 0]) for part in parts.values()) for parts in drawn]
     assert widths_m[1] > widths_m[0] + 0.05
 
 
 def test_studies_measure_no_reach_unless_they_say_so() -> None:
-    assert not parse_design(default_design_text()).measure_reach
+    assert not parse_design(read_default_design_text()).measure_reach
     assert parse_design(
-        default_design_text().replace("measure_reach = false", "measure_reach = true")
+        read_default_design_text().replace("measure_reach = false", "measure_reach = true")
     ).measure_reach

@@ -15,12 +15,12 @@ import pytest
 from avrgym.vr.protocol.messages import (
     TICK_S,
     Answer,
-    Command,
-    Entered,
+    ExperimenterCommand,
     ParticipantDisconnected,
-    Ready,
+    ParticipantReady,
     Stop,
-    Tracking,
+    TrackingFrameMessage,
+    VrEntered,
 )
 from avrgym.vr.server.inbox import (
     MAX_HANDLING_TIME_S,
@@ -46,7 +46,7 @@ class FakeSession:
         self.ticked_s: list[float] = []
         self.received: list[object] = []
         self.closed_s: list[float] = []
-        self.at_rest = False
+        self.is_at_rest = False
         self._busy = busy
 
     def tick(self, now_s: float) -> None:
@@ -174,7 +174,7 @@ def test_it_skips_and_counts_ticks_after_a_long_delay(clock: FakeClock) -> None:
 
 def test_garbage_is_collected_only_at_rest(clock: FakeClock, monkeypatch: pytest.MonkeyPatch) -> None:
     def rest(ticks: int) -> None:
-        session.at_rest = ticks > 2000
+        session.is_at_rest = ticks > 2000
 
     session, collected = FakeSession(rest), []
     monkeypatch.setattr(
@@ -200,7 +200,7 @@ def test_messages_reach_the_session_in_order() -> None:
     session = FakeSession()
     loop = RealTimeLoop(cast(Session, session))
     sent = [Answer(item=str(i), value=1, response_time_s=0.0) for i in range(50)]
-    loop.post(Ready())
+    loop.post(ParticipantReady())
     loop.send_initial_state(lambda message: None, "participant")
     loop.start()
     for message in sent:
@@ -208,7 +208,7 @@ def test_messages_reach_the_session_in_order() -> None:
     loop.post(ParticipantDisconnected())
     await_that(lambda: len(session.received) == 53)
     loop.stop()
-    assert session.received == [Ready(), "participant", *sent, ParticipantDisconnected()]
+    assert session.received == [ParticipantReady(), "participant", *sent, ParticipantDisconnected()]
 
 
 def test_a_flooding_sender_must_wait() -> None:
@@ -216,7 +216,7 @@ def test_a_flooding_sender_must_wait() -> None:
     loop = RealTimeLoop(cast(Session, session))
     assert not loop.inbox_is_full
     for _ in range(MAX_WAITING_MESSAGES):
-        loop.post(Ready())
+        loop.post(ParticipantReady())
     assert loop.inbox_is_full
     loop.start()
     await_that(lambda: not loop.inbox_is_full)
@@ -236,13 +236,13 @@ def test_messages_take_limited_time_of_a_tick_and_stops_come_first(clock: FakeCl
     session.receive = receive  # type: ignore[method-assign]
     loop = RealTimeLoop(cast(Session, session))
     for _ in range(300):
-        loop.post(Entered())
-    loop.post(Command(name="stop"))
+        loop.post(VrEntered())
+    loop.post(ExperimenterCommand(name="stop"))
     loop.post(Stop())
     loop.start()
     await_that(lambda: len(session.received) == 302)
     loop.stop()
-    assert session.received[:2] == [Command(name="stop"), Stop()]
+    assert session.received[:2] == [ExperimenterCommand(name="stop"), Stop()]
     assert received_at[0] == received_at[1] == session.ticked_s[0]
     assert max(Counter(received_at).values()) <= MAX_HANDLING_TIME_S / 0.0004 + 1
     assert loop.missed_ticks == len(loop.late_ticks) == 0
@@ -253,7 +253,7 @@ def test_of_many_frames_the_newest_count(clock: FakeClock) -> None:
     loop = RealTimeLoop(cast(Session, session))
     for sequence in range(3 * MAX_WAITING_FRAMES):
         loop.post(
-            Tracking(
+            TrackingFrameMessage(
                 sequence=sequence,
                 client_time_ms=0.0,
                 head=None,
@@ -266,7 +266,7 @@ def test_of_many_frames_the_newest_count(clock: FakeClock) -> None:
     loop.start()
     await_that(lambda: len(session.received) == MAX_WAITING_FRAMES)
     loop.stop()
-    received = [cast(Tracking, message).sequence for message in session.received]
+    received = [cast(TrackingFrameMessage, message).sequence for message in session.received]
     assert received == list(range(2 * MAX_WAITING_FRAMES, 3 * MAX_WAITING_FRAMES))
 
 
@@ -274,13 +274,13 @@ def test_a_disconnection_discards_waiting_messages(clock: FakeClock) -> None:
     session = FakeSession()
     loop = RealTimeLoop(cast(Session, session))
     for _ in range(MAX_MESSAGES_PER_TICK):
-        loop.post(Entered())
-    loop.post(Command(name="end"))
+        loop.post(VrEntered())
+    loop.post(ExperimenterCommand(name="end"))
     loop.post(ParticipantDisconnected())
     loop.start()
     await_that(lambda: len(session.received) == 2)
     loop.stop()
-    assert session.received == [ParticipantDisconnected(), Command(name="end")]
+    assert session.received == [ParticipantDisconnected(), ExperimenterCommand(name="end")]
 
 
 def test_an_error_at_the_end_is_stored() -> None:

@@ -8,21 +8,21 @@ import pytest
 
 from avrgym.commands.preferences import ConditionRules, Preferences, apply_preferences
 from avrgym.commands.vocabulary import CommandName
-from avrgym.replay.verification import verify
+from avrgym.replay.verification import verify_recording
 from avrgym.vr.emulation.simulated_commands import GESTURE_DURATION_S
 from avrgym.vr.protocol.messages import (
     Answer,
-    ChangePreferences,
-    Phase,
+    AvailableRobotCommands,
+    OtherPersonRobotCommand,
+    PhaseDescription,
+    PreferenceChangeRequest,
     Question,
     RobotCommand,
-    RobotCommands,
-    WatcherRobotCommand,
-    decode_client,
-    encode,
+    decode_participant_message,
+    encode_message,
 )
 from avrgym.vr.server.inbox import is_emergency_stop
-from avrgym.vr.session import events as session_events
+from avrgym.vr.session import events as read_session_events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.vr.visit import ENVIRONMENT, Visit, events, plan, result
 
@@ -44,7 +44,7 @@ def visit_at_waiting_pose(folder: Path) -> Visit:
     visit.calibrate()
     visit.run_until("trial")
     visit.tick()
-    while visit.received(RobotCommands)[-1].mode != "waiting":
+    while visit.received(AvailableRobotCommands)[-1].mode != "waiting":
         visit.tick()
     return visit
 
@@ -57,7 +57,7 @@ def press(visit: Visit, name: CommandName) -> None:
 @pytest.mark.slow
 def test_commands_are_executed_recorded_and_replayed(tmp_path: Path) -> None:
     visit = visit_at_waiting_pose(tmp_path)
-    offered = visit.received(RobotCommands)[-1]
+    offered = visit.received(AvailableRobotCommands)[-1]
     assert [(each.name, each.label) for each in offered.commands][:2] == [
         ("ready", "Ready"),
         ("wait", "Wait"),
@@ -65,14 +65,14 @@ def test_commands_are_executed_recorded_and_replayed(tmp_path: Path) -> None:
     press(visit, "slower")
     press(visit, "faster")
     visit.send(RobotCommand("ready", "switch", 0.0))
-    visit.send(WatcherRobotCommand("ready", "caregiver", 0.0))
+    visit.send(OtherPersonRobotCommand("ready", "caregiver", 0.0))
     visit.tick(20)
-    assert visit.received(RobotCommands)[-1].mode == "continuing"
+    assert visit.received(AvailableRobotCommands)[-1].mode == "continuing"
     visit.participant.begin_gesture("shake", visit.now_s)
     visit.tick(round(100 * GESTURE_DURATION_S) + 20)
-    assert visit.received(RobotCommands)[-1].mode == "backing_off"
+    assert visit.received(AvailableRobotCommands)[-1].mode == "backing_off"
     visit.run_until("questionnaire")
-    assert visit.received(RobotCommands)[-1].commands == []
+    assert visit.received(AvailableRobotCommands)[-1].commands == []
     press(visit, "ready")
     visit.answer(1, 2, 3, 4)
     visit.leave()
@@ -87,14 +87,14 @@ def test_commands_are_executed_recorded_and_replayed(tmp_path: Path) -> None:
         ("ready", "key", False, True),
     ]
     assert events(recording).count("command_ignored") == 3
-    ignored = [each for each in visit.observed if isinstance(each, session_events.CommandIgnored)]
+    ignored = [each for each in visit.observed if isinstance(each, read_session_events.CommandIgnored)]
     assert [each.reason for each in ignored][-1] == "no trial runs"
     pacing = [record for _, record in recording.messages_by_topic["/pacing"]]
     assert [record.step for record in pacing] == list(range(1, STEPS + 1))
     assert pacing[-1].speed_factor == 0.75
     assert recording.configuration.trial_rules == visit.session.plan.trials[0].rules
-    found = verify(recording)
-    assert (found.identical_states, found.identical_steps) == (found.states, STEPS)
+    found = verify_recording(recording)
+    assert (found.num_identical_states, found.num_identical_steps) == (found.num_states, STEPS)
 
 
 def test_the_command_stop_is_the_emergency_stop_from_every_source(tmp_path: Path) -> None:
@@ -111,9 +111,9 @@ def test_the_command_stop_is_the_emergency_stop_from_every_source(tmp_path: Path
 
 @pytest.mark.parametrize("change", [{"name": "jump"}, {"source": "nod"}, {"source": "experimenter"}])
 def test_unknown_commands_and_sources_of_others_are_refused(change: dict[str, str]) -> None:
-    sent = msgspec.msgpack.decode(encode(RobotCommand("ready", "key", 0.0)))
+    sent = msgspec.msgpack.decode(encode_message(RobotCommand("ready", "key", 0.0)))
     with pytest.raises(msgspec.DecodeError, match="Invalid enum value"):
-        decode_client(msgspec.msgpack.encode(sent | change))
+        decode_participant_message(msgspec.msgpack.encode(sent | change))
 
 
 def test_a_participant_changes_their_preferences_between_trials(tmp_path: Path) -> None:
@@ -131,19 +131,19 @@ def test_a_participant_changes_their_preferences_between_trials(tmp_path: Path) 
     visit = Visit(
         tmp_path, replace(session, trials=[own[0], replace(own[1], allow_preference_changes=False)])
     )
-    visit.send(ChangePreferences())
+    visit.send(PreferenceChangeRequest())
     assert visit.problems[-1] == "You cannot change now how the robot helps."
     visit.calibrate()
     visit.confirms = False
     visit.run_until("check")
-    assert visit.received(Phase)[-1].preferences
-    visit.send(ChangePreferences())
+    assert visit.received(PhaseDescription)[-1].preferences
+    visit.send(PreferenceChangeRequest())
     assert [each.item for each in asked(visit, 3, 5, 1)] == ["speed", "distance_m", "side", "bite_timing"]
     last = visit.received(Question)[-1]
     assert (last.labels, last.previous_answer) == (["by itself after a pause", "by itself when I face it"], 1)
     assert [each.item for each in asked(visit, 2, 3, 2)[-2:]] == ["pause_s", "force_share"]
     assert visit.phase == "ready"
-    assert "waits 30 cm away from you, on your left" in visit.received(Phase)[-1].text
+    assert "waits 30 cm away from you, on your left" in visit.received(PhaseDescription)[-1].text
     changed = Preferences(
         speed=0.8, distance_m=0.3, side="left", bite_timing="with_company", pause_s=8.0, force_share=0.2
     )
@@ -151,7 +151,7 @@ def test_a_participant_changes_their_preferences_between_trials(tmp_path: Path) 
         changed,
         rules.preferences,
     ]
-    (event,) = [each for each in visit.observed if isinstance(each, session_events.PreferencesChanged)]
+    (event,) = [each for each in visit.observed if isinstance(each, read_session_events.PreferencesChanged)]
     assert event.preferences == changed
     visit.leave()
 

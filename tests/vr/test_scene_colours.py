@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from avrgym.models.collision_bits import VISUAL_GROUP
-from avrgym.models.colours import geom_colours, linear_from_srgb, skin_colours
-from avrgym.vr.scene.body_surfaces import body_surfaces
-from avrgym.vr.scene.geom_meshes import geom_mesh
-from avrgym.vr.scene.scene_export import export_glb, geoms_by_body
+from avrgym.models.colours import compute_geom_colours, compute_skin_colours, convert_srgb_to_linear
+from avrgym.vr.scene.body_surfaces import make_body_surfaces
+from avrgym.vr.scene.geom_meshes import make_geom_mesh
+from avrgym.vr.scene.scene_export import export_glb, group_geoms_by_body
 from avrgym.vr.scene.skins import read_skins
 from helpers.browser.glb import GlbFile
 from helpers.robots.example_robots import ALL_ROBOTS, scene_of, scenes_of
@@ -53,7 +53,7 @@ def drawn_by_mujoco(model: mujoco.MjModel) -> dict[int, np.ndarray]:
 @pytest.mark.parametrize("name", ALL_ROBOTS)
 def test_each_geom_has_the_colour_that_mujoco_draws(name: str) -> None:
     for model in scenes_of(name):
-        ours, drawn = geom_colours(model), drawn_by_mujoco(model)
+        ours, drawn = compute_geom_colours(model), drawn_by_mujoco(model)
         assert drawn
         np.testing.assert_allclose([ours[geom] for geom in drawn], list(drawn.values()), atol=1e-6)
 
@@ -64,10 +64,10 @@ def test_each_part_of_the_file_has_the_colours_of_its_geoms(name: str) -> None:
     """So many triangles in each colour at each body."""
     for model in scenes_of(name):
         drawn, wanted = drawn_by_mujoco(model), {}
-        for carrier, geoms in geoms_by_body(model).items():
+        for carrier, geoms in group_geoms_by_body(model).items():
             colours = wanted.setdefault(model.body(carrier).name, Counter())
             for geom in geoms:
-                colours[stored(drawn[geom])] += len(geom_mesh(model, geom).faces)
+                colours[stored(drawn[geom])] += len(make_geom_mesh(model, geom).faces)
         found = colours_of(GlbFile(export_glb(model)))
         assert {body: wanted[body] for body in found} == found
         assert len(found) > 3
@@ -93,7 +93,7 @@ def colours_of(glb: GlbFile) -> dict[str, Counter[tuple[int, ...]]]:
 
 def stored(rgba: np.ndarray) -> tuple[int, ...]:
     """A colour as the file has it: linear, of a byte each."""
-    return tuple(np.round(255 * linear_from_srgb(rgba[:3].astype(float))).astype(int).tolist())
+    return tuple(np.round(255 * convert_srgb_to_linear(rgba[:3].astype(float))).astype(int).tolist())
 
 
 def test_a_geoms_own_colour_counts_and_else_its_materials() -> None:
@@ -110,7 +110,7 @@ def test_a_geoms_own_colour_counts_and_else_its_materials() -> None:
         "squared": squared,
     }
     assert colours == {body: stored(np.array(rgba)) for body, rgba in wanted.items()}
-    surfaces = {body: found[0].rgba[0] for body, found in body_surfaces(model).items()}
+    surfaces = {body: found[0].rgba[0] for body, found in make_body_surfaces(model).items()}
     assert list(surfaces) == list(wanted)
     np.testing.assert_allclose(list(surfaces.values()), list(wanted.values()), atol=1e-6)
 
@@ -129,7 +129,7 @@ def test_transparent_geoms_are_blended_and_materials_are_sound() -> None:
 def test_a_skin_without_a_material_has_its_own_colour() -> None:
     model = scene_of("PR2", "Feeding")
     assert model is not None
-    np.testing.assert_allclose(skin_colours(model), model.mat_rgba[model.skin_matid], atol=1e-6)
+    np.testing.assert_allclose(compute_skin_colours(model), model.mat_rgba[model.skin_matid], atol=1e-6)
     model.skin_matid[0], model.skin_rgba[0] = -1, RED
-    np.testing.assert_allclose(skin_colours(model)[0], RED, atol=1e-6)
+    np.testing.assert_allclose(compute_skin_colours(model)[0], RED, atol=1e-6)
     assert next(skin.rgba[0].tolist() for skin in read_skins(model)) == pytest.approx(RED)

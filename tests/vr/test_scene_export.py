@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from avrgym.geometry.transforms import to_matrix
-from avrgym.models.colours import linear_from_srgb
+from avrgym.models.colours import convert_srgb_to_linear
 from avrgym.models.human import SKIN_TONES, Person
 from avrgym.models.human_shape import HEAD_SKIN_PARTS
 from avrgym.models.scene import build_scene_spec
 from avrgym.robots.registry import find_robot
-from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment, task_and_scene
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment, find_task_and_scene
 from avrgym.vr.scene.scene_export import export_glb
 from avrgym.vr.scene.skins import Skin, add_cap, read_skins
 from helpers.browser.glb import GlbFile
@@ -29,7 +29,7 @@ PERSON = Person("man", 0.66)
 
 @cache
 def model_of(environment: str) -> mujoco.MjModel:
-    _, scene = task_and_scene(environment)
+    _, scene = find_task_and_scene(environment)
     return build_scene_spec(scene, PERSON, moving=True, appearance=True).compile()
 
 
@@ -38,7 +38,7 @@ def exported(environment: str) -> GlbFile:
     return GlbFile(export_glb(model_of(environment)))
 
 
-def at_rest(environment: str) -> mujoco.MjData:
+def is_at_rest(environment: str) -> mujoco.MjData:
     data = mujoco.MjData(model_of(environment))
     mujoco.mj_kinematics(model_of(environment), data)
     return data
@@ -50,7 +50,7 @@ def test_a_headset_can_draw_it(environment: str) -> None:
     """Everything once for each eye and once for the sun's shadow."""
     glb = exported(environment)
     triangles = sum(len(glb.numbers(primitive["indices"])) // 3 for primitive in glb.primitives())
-    marks = TASKS[find_environment(environment)[0]].marks is not None
+    marks = TASKS[find_environment(environment)[0]].markers is not None
     assert 3 * (len(glb.primitives()) + marks) + 2 * ROOM_MESHES < MOST_CALLS
     assert 3 * triangles < MOST_TRIANGLES
     assert glb["buffers"][0]["byteLength"] < MOST_BYTES
@@ -99,13 +99,13 @@ def test_vertices_of_cloth_name_their_bodies() -> None:
     (cloth,) = (node for node in glb["nodes"] if "vertices" in node.get("extras", {}))
     bodies = cloth["extras"]["vertices"]
     places = glb.numbers(glb["meshes"][cloth["mesh"]]["primitives"][0]["attributes"]["POSITION"])
-    data = at_rest(environment)
+    data = is_at_rest(environment)
     np.testing.assert_allclose(places, [data.body(body).xpos for body in bodies], atol=1e-6)
     assert len(bodies) == model.flex_vertnum.sum()
 
 
 def test_nodes_have_the_poses_of_their_bodies() -> None:
-    data = at_rest(FEEDING)
+    data = is_at_rest(FEEDING)
     for body, node in exported(FEEDING).nodes("body").items():
         np.testing.assert_allclose(node["translation"], data.body(body).xpos, atol=1e-9)
 
@@ -226,11 +226,11 @@ def corners_of(glb: GlbFile, node: dict) -> np.ndarray:
 
 
 def test_the_skin_has_the_persons_tone() -> None:
-    scene = TASKS["ScratchItch"].scene(find_robot("Jaco"))
+    scene = TASKS["ScratchItch"].make_scene(find_robot("Jaco"))
     model = build_scene_spec(scene, WASHED, moving=False, appearance=True).compile()
     glb = GlbFile(export_glb(model))
     nodes = [node for node in glb["nodes"] if node.get("extras", {}).get("skin_of") == "person/right_hand"]
     (primitive,) = (glb["meshes"][node["mesh"]]["primitives"][0] for node in nodes)
     colours = glb.numbers(primitive["attributes"]["COLOR_0"])
-    tone = linear_from_srgb(np.array(SKIN_TONES["brown"]))
+    tone = convert_srgb_to_linear(np.array(SKIN_TONES["brown"]))
     np.testing.assert_allclose(colours, [tone] * len(colours), atol=0.003)

@@ -20,10 +20,10 @@ from avrgym.models.scene import SCENE_TOOL_BODY
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import Recording
 from avrgym.recording.writer import RecordingWriter
-from avrgym.safety.approach_speed import effective_mass_kg
+from avrgym.safety.approach_speed import compute_effective_mass_kg
 from avrgym.safety.brakes import BRAKE_TORQUE_FACTOR
-from avrgym.safety.force_guard import INTERVENTION_EVENT, INTERVENTION_FORCE_SHARE
-from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, max_impact_speed_m_s
+from avrgym.safety.force_guard import INTERVENTION_EVENT, INTERVENTION_FORCE_LIMIT_FRACTION
+from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, compute_max_impact_speed_m_s
 from avrgym.safety.retreat import MAX_RETREAT_DURATION_S
 from avrgym.simulation.worlds import MAX_SERVO_LEAD_RAD
 from avrgym.tasks.episodes import Episodes
@@ -32,24 +32,24 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
     TICK_S,
     Answer,
-    Back,
-    Entered,
     Hello,
-    Left,
     OriginReset,
     ParticipantDisconnected,
-    Phase,
+    ParticipantReady,
+    PhaseDescription,
     PhaseName,
+    PreviousQuestionRequest,
     Problem,
     Question,
-    Ready,
-    Recalibrate,
-    State,
+    RecalibrationRequest,
     Stop,
-    Tracking,
+    TrackingFrameMessage,
+    VrEntered,
+    VrLeft,
+    WorldState,
     XRPose,
 )
-from avrgym.vr.protocol.webxr import hand_pose, head_pose
+from avrgym.vr.protocol.webxr import compute_hand_pose, compute_head_pose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.simulation.initial_states import reset_episodes
 from helpers.vr.visit import ENVIRONMENT, Visit, events, plan
@@ -80,7 +80,7 @@ class Replica:
         episodes.reset(np.array([0]), [np.random.default_rng(recording.configuration.seed)])
         self.model = episodes.simulation.batch.get_model(0)
         self.data = mujoco.MjData(self.model)
-        arm = [robot.PREFIX + joint for joint in episodes.scene.arm.joints]
+        arm = [robot.ROBOT_NAME_PREFIX + joint for joint in episodes.scene.arm.joints]
         self._arm = Arm(
             qpos=[self.model.joint(name).qposadr[0] for name in arm],
             act=[self.model.actuator(name).actadr[0] for name in arm],
@@ -88,7 +88,7 @@ class Replica:
             dof=[self.model.joint(name).dofadr[0] for name in arm],
             brake_n_m=BRAKE_TORQUE_FACTOR * episodes.scene.arm.effort_limit,
         )
-        self._person = [self.model.actuator(human.PREFIX + name).id for name in human.JOINTS]
+        self._person = [self.model.actuator(human.PERSON_NAME_PREFIX + name).id for name in human.JOINTS]
         assert episodes.scene.tool.particles is not None
         self._food = [f"{body}_{axis}" for body in episodes.scene.tool.particles.bodies for axis in "xyz"]
 
@@ -168,7 +168,7 @@ GIVEN = (7, 1, 4, 2)
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Visit:
     """A practice trial and a trial of full length with the packaged policy, answered and finished."""
     trials = [TrialPlan(ENVIRONMENT, "revised", seed, practice) for seed, practice in ((1, True), (2, False))]
-    session = SessionPlan(trials, "woman", FREE_S, simulated=True, withdraw_after_success=False)
+    session = SessionPlan(trials, "woman", FREE_S, is_simulated=True, withdraw_tool_after_success=False)
     visit = Visit(tmp_path_factory.mktemp("whole"), session, load_policies(session))
     visit.calibrate()
     visit.run_until("questionnaire")
@@ -179,7 +179,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Visit:
 
 @pytest.mark.slow
 def test_every_tick_hands_out_its_state(whole: Visit) -> None:
-    told = [state.sequence for state in whole.received(State)]
+    told = [state.sequence for state in whole.received(WorldState)]
     assert told == list(range(1, len(told) + 1))
 
 
@@ -190,7 +190,7 @@ def test_a_session_goes_through_its_phases_in_order(whole: Visit) -> None:
         "waiting", "calibration", "loading", "check", *around, "loading", "ready", *around, "questionnaire", "confirm",
         "finished",
     ]  # fmt: skip
-    numbered = [(phase.trial, phase.practice) for phase in whole.received(Phase)[4:]]
+    numbered = [(phase.trial, phase.practice) for phase in whole.received(PhaseDescription)[4:]]
     assert numbered == [(1, True)] * 5 + [(2, False)] * 10
     assert not whole.problems
 
@@ -212,7 +212,7 @@ def test_phases_take_their_time(whole: Visit) -> None:
 def test_a_trial_has_200_control_steps_whose_rewards_add_up(whole: Visit) -> None:
     for recording in whole.recordings():
         control = records(recording, "/control")
-        assert recording.complete
+        assert recording.is_complete
         assert recording.outcome is not None
         assert recording.outcome.result == "completed"
         assert [record.step for record in control] == list(range(1, 201))
@@ -256,8 +256,8 @@ def test_every_recorded_state_follows_bit_for_bit_from_the_one_before(whole: Vis
 
 def test_whoever_comes_too_fast_is_an_event_with_region_and_speed(whole: Visit) -> None:
     simulation = reset_episodes(ENVIRONMENT, 1).simulation
-    fastest = max_impact_speed_m_s(
-        INTERVENTION_FORCE_SHARE * QUASI_STATIC_LIMIT_N, effective_mass_kg(simulation)
+    fastest = compute_max_impact_speed_m_s(
+        INTERVENTION_FORCE_LIMIT_FRACTION * QUASI_STATIC_LIMIT_N, compute_effective_mass_kg(simulation)
     )
     limits_m_s = {region.name: float(speed) for region, speed in zip(BODY_REGIONS, fastest, strict=True)}
     events = [
@@ -305,7 +305,7 @@ def test_a_stop_halts_the_robot_and_the_trial_is_repeated(visit: Callable[..., V
     assert stopped.phase == "paused"
 
     first = stopped.recordings()[0]
-    assert first.complete
+    assert first.is_complete
     assert first.outcome is not None
     assert (first.outcome.result, first.outcome.steps) == ("stopped", 1)
     assert events(first)[-1] == "robot_holds"
@@ -314,7 +314,7 @@ def test_a_stop_halts_the_robot_and_the_trial_is_repeated(visit: Callable[..., V
     assert not replica.arm_ctrl(states(first)[-1]).any()
 
     before = digest(stopped.session.recordings[0])
-    stopped.send(Ready())
+    stopped.send(ParticipantReady())
     stopped.run_until("questionnaire")
     stopped.answer(4, 4, 4, 4)
     assert stopped.phase == "finished"
@@ -351,7 +351,7 @@ def newest_pos_w(visit: Visit, body: str) -> FloatArray:
 
 def newest_pose_w(visit: Visit, body: str) -> FloatArray:
     """A body's pose (7,) as the client was last told."""
-    poses = np.frombuffer(visit.received(State)[-1].poses, "<f4").reshape(-1, 7)
+    poses = np.frombuffer(visit.received(WorldState)[-1].poses, "<f4").reshape(-1, 7)
     return poses[visit.session.bodies.index(body)].astype(float)
 
 
@@ -367,16 +367,16 @@ def test_a_stop_after_the_robot_has_finished_keeps_the_trial(visit: Callable[...
         assert finished.phase == phase
     assert len(finished.problems) == 2
     finished.answer(4, 4, 4, 4)
-    assert finished.recordings()[0].complete
+    assert finished.recordings()[0].is_complete
 
 
 @pytest.mark.fast_cases(3)
 @pytest.mark.parametrize(
-    "event", [Left(), ParticipantDisconnected(), OriginReset()], ids=lambda event: type(event).__name__
+    "event", [VrLeft(), ParticipantDisconnected(), OriginReset()], ids=lambda event: type(event).__name__
 )
 @pytest.mark.parametrize("phase", PHASES)
 def test_who_goes_away_is_waited_for_and_a_running_trial_is_interrupted(
-    visit: Callable[..., Visit], phase: str, event: Left | ParticipantDisconnected | OriginReset
+    visit: Callable[..., Visit], phase: str, event: VrLeft | ParticipantDisconnected | OriginReset
 ) -> None:
     gone = visit()
     gone.go_to(phase)
@@ -407,7 +407,14 @@ def test_who_comes_back_repeats_the_trial(visit: Callable[..., Visit]) -> None:
     back.send(ParticipantDisconnected())
     back.session.send_initial_state(back.inbox.append, "participant", back.now_s)
     kinds = [type(message).__name__ for message in back.inbox[-6:]]
-    assert kinds == ["Welcome", "Language", "Body", "Input", "Scene", "Phase"]
+    assert kinds == [
+        "Welcome",
+        "Language",
+        "ParticipantBody",
+        "InputProfileMessage",
+        "Scene",
+        "PhaseDescription",
+    ]
     back.participant = SimulatedParticipant(back.participant.traits, 8)
     back.calibrate()
     back.run_until("questionnaire")
@@ -429,23 +436,23 @@ def test_messages_that_have_no_place_are_named_and_change_nothing(visit: Callabl
             continue
         visitor.run_until(phase) if phase in RUNNING else None
         if phase == "calibration":
-            visitor.send(Entered())
+            visitor.send(VrEntered())
             visitor.tick(20)
         if phase == "loading":
             visitor.loads_scenes = visitor.confirms = False
-            visitor.send(Ready())
+            visitor.send(ParticipantReady())
         if phase == "check":
             visitor.loads_scenes = True
             visitor.run_until(phase)
-        wrong: list[tuple[messages.ClientMessage, str]] = [(hello, "Hello")]
+        wrong: list[tuple[messages.ParticipantMessage, str]] = [(hello, "Hello")]
         if phase != "questionnaire":
             wrong.append((answer, "only while it is shown"))
         if phase not in ("calibration", "check"):
-            wrong.append((Ready(), "You cannot go on now"))
+            wrong.append((ParticipantReady(), "You cannot go on now"))
         if phase not in ("questionnaire", "confirm"):
-            wrong.append((Back(), "no earlier question"))
+            wrong.append((PreviousQuestionRequest(), "no earlier question"))
         if phase != "check":
-            wrong.append((Recalibrate(), "only between two trials"))
+            wrong.append((RecalibrationRequest(), "only between two trials"))
         if phase not in ("free_before", "countdown", "trial", "retreat"):
             wrong.append((Stop(), "The robot already holds still"))
         for message, words in wrong:
@@ -456,7 +463,7 @@ def test_messages_that_have_no_place_are_named_and_change_nothing(visit: Callabl
             assert words in visitor.problems[-1]
         visitor.confirms = phase != "loading"
     visitor.answer(4, 4, 4, 4)
-    assert visitor.recordings()[0].complete
+    assert visitor.recordings()[0].is_complete
 
 
 def test_a_refused_answer_is_asked_again(visit: Callable[..., Visit]) -> None:
@@ -477,14 +484,14 @@ def test_a_refused_answer_is_asked_again(visit: Callable[..., Visit]) -> None:
 def test_a_participant_is_measured_only_when_tracked_still_and_seated(visit: Callable[..., Visit]) -> None:
     seated = visit()
     seated.tracking = False
-    seated.send(Entered())
+    seated.send(VrEntered())
 
     def measure(*heights_m: float) -> str:
         """Frames at these heights of the headset, then the trigger; the problem that it gives."""
         for height_m in heights_m:
             seated.send(lifted(seated.frame(), height_m))
             seated.tick(2)
-        seated.send(Ready())
+        seated.send(ParticipantReady())
         assert seated.phase == "calibration"
         assert not seated.session.recordings
         return seated.problems[-1]
@@ -499,15 +506,17 @@ def test_a_participant_is_measured_only_when_tracked_still_and_seated(visit: Cal
     seated.tick(60)
     seated.tracking = True
     seated.tick(20)
-    seated.send(Ready())
+    seated.send(ParticipantReady())
     assert seated.phase == "loading"
 
 
-def lifted(frame: Tracking, height_m: float) -> Tracking:
+def lifted(frame: TrackingFrameMessage, height_m: float) -> TrackingFrameMessage:
     assert frame.head is not None
     x, _, z = frame.head.position
     head = XRPose((x, height_m, z), frame.head.orientation)
-    return messages.Tracking(frame.sequence, frame.client_time_ms, head, None, None, "none", "none")
+    return messages.TrackingFrameMessage(
+        frame.sequence, frame.client_time_ms, head, None, None, "none", "none"
+    )
 
 
 def random_person(sex: Sex, seed: int) -> SimulatedParticipant:
@@ -546,7 +555,7 @@ def test_the_simulated_body_goes_where_the_participant_is(visit: Callable[..., V
     begins_rad = visitor.participant._angles_rad
     for _ in range(5):
         degrees = {name: random.uniform(*limits) for name, limits in COMFORTABLE_DEG.items()}
-        ends_rad = human.seated_joint_angles(**degrees)
+        ends_rad = human.make_seated_joint_angles(**degrees)
         for share in np.linspace(0.05, 1.0, 20):
             visitor.pose_rad = begins_rad + share * (ends_rad - begins_rad)
             visitor.tick(4)
@@ -564,15 +573,17 @@ def tracking_errors(visit: Visit) -> list[float]:
     assert frame.left is not None
     assert frame.right is not None
     assert registration is not None
-    sites = human.body_layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m])).site_pos
+    sites = human.compute_body_layout(
+        np.array([person.sex == "woman"]), np.array([person.torso_height_m])
+    ).site_pos
     wanted = {
-        "head_centre": head_pose(registration, frame.head).pos_w,
-        "left_hand_centre": hand_pose(registration, frame.left).pos_w,
-        "right_hand_centre": hand_pose(registration, frame.right).pos_w,
+        "head_centre": compute_head_pose(registration, frame.head).pos_w,
+        "left_hand_centre": compute_hand_pose(registration, frame.left).pos_w,
+        "right_hand_centre": compute_hand_pose(registration, frame.right).pos_w,
     }
     found = {}
     for site in wanted:
-        pose = newest_pose_w(visit, human.PREFIX + human.SITE_BODIES[site])
+        pose = newest_pose_w(visit, human.PERSON_NAME_PREFIX + human.SITE_BODIES[site])
         found[site] = pose[:3] + transforms.rotate(pose[3:], sites[site][0])
     return [float(np.linalg.norm(found[site] - wanted[site])) for site in wanted]
 
@@ -614,20 +625,21 @@ def broken_poses() -> list[XRPose]:
     return positions + [XRPose((0.0, 1.2, 0.0), turn) for turn in turns]
 
 
-def broken_frames(sequence: int) -> list[Tracking]:
+def broken_frames(sequence: int) -> list[TrackingFrameMessage]:
     sound = XRPose((0.0, 1.2, 0.0), (0.0, 0.0, 0.0, 1.0))
     placed: list[tuple[XRPose | None, XRPose | None, XRPose | None]] = [(None, sound, sound)]
     for pose in broken_poses():
         placed += [(pose, None, None), (sound, pose, None), (sound, None, pose)]
     return [
-        Tracking(sequence, 0.0, head, left, right, "controller", "controller") for head, left, right in placed
+        TrackingFrameMessage(sequence, 0.0, head, left, right, "controller", "controller")
+        for head, left, right in placed
     ]
 
 
 def test_frames_that_cannot_be_are_recorded_and_change_nothing(visit: Callable[..., Visit]) -> None:
     """Physics has the same bits with and without them; so do frames that are sent again."""
     plain, fuzzed = visit(), visit()
-    sent: list[Tracking] = []
+    sent: list[TrackingFrameMessage] = []
     for visitor in (plain, fuzzed):
         visitor.calibrate()
         visitor.run_until("free_before")
@@ -647,10 +659,14 @@ def test_frames_that_cannot_be_are_recorded_and_change_nothing(visit: Callable[.
     assert not any(record.moved_person for record in held)
 
 
-def replayed(visit: Visit) -> Tracking:
+def replayed(visit: Visit) -> TrackingFrameMessage:
     """A sound frame with a number that has been used, of another pose."""
-    frame = visit.participant.tracking_frame_from_angles(human.seated_joint_angles(waist_x=20.0), 0.0)
-    return Tracking(0, frame.client_time_ms, frame.head, frame.left, frame.right, "controller", "controller")
+    frame = visit.participant.make_tracking_frame_from_angles(
+        human.make_seated_joint_angles(waist_x=20.0), 0.0
+    )
+    return TrackingFrameMessage(
+        0, frame.client_time_ms, frame.head, frame.left, frame.right, "controller", "controller"
+    )
 
 
 def test_of_frames_between_two_ticks_the_newest_counts_and_all_are_recorded(
@@ -673,7 +689,7 @@ def test_of_frames_between_two_ticks_the_newest_counts_and_all_are_recorded(
     applied = [False, False, False, True, False, False]
     held = [False, False, False, False, True, False]
     assert kept == list(zip(range(first, first + 6), applied, held, strict=True))
-    assert burst.received(State)[-1].tracking_sequence in (first - 1, first + 3)
+    assert burst.received(WorldState)[-1].tracking_sequence_number in (first - 1, first + 3)
 
 
 # Disks that fail ---------------------------------------------------------------------------------------------
@@ -691,14 +707,14 @@ def test_a_full_disk_pauses_the_trial_in_words_and_it_can_be_repeated(
     small_files(0)
     assert full.phase == "paused"
     assert "cannot be recorded" in full.problems[-1]
-    assert not full.recordings()[0].complete
+    assert not full.recordings()[0].is_complete
     before = digest(full.session.recordings[0])
 
-    full.send(Ready())
+    full.send(ParticipantReady())
     full.tick(5)
     assert full.phase == "free_before"
     full.leave()
-    assert full.recordings()[1].complete
+    assert full.recordings()[1].is_complete
     assert digest(full.session.recordings[0]) == before
 
 
@@ -710,7 +726,7 @@ def test_a_folder_that_takes_no_file_pauses_in_words(tmp_path: Path) -> None:
     visitor.run_until("paused")
     assert "cannot be recorded" in visitor.problems[-1]
     blocked.unlink()
-    visitor.send(Ready())
+    visitor.send(ParticipantReady())
     assert visitor.phase == "free_before"
     visitor.leave()
 
@@ -728,11 +744,11 @@ def test_a_trial_whose_recording_cannot_be_ended_is_repeated(
         visitor.answer(4, 4, 4, 4)
     assert visitor.phase == "paused"
     assert "the disk is gone" in visitor.problems[-1]
-    visitor.send(Ready())
+    visitor.send(ParticipantReady())
     visitor.run_until("questionnaire")
     visitor.answer(4, 4, 4, 4)
     assert visitor.phase == "finished"
-    assert [recording.complete for recording in visitor.recordings()] == [False, True]
+    assert [recording.is_complete for recording in visitor.recordings()] == [False, True]
 
 
 @pytest.mark.slow
@@ -748,7 +764,7 @@ def test_a_recording_may_fail_at_any_tick_of_a_control_step(
             broken.setattr(RecordingWriter, "disk_error", property(lambda _: OSError("full")))
             visitor.tick()
         assert visitor.phase == "paused"
-        visitor.send(Ready())
+        visitor.send(ParticipantReady())
 
 
 def test_a_slow_disk_is_named_once_and_the_trial_goes_on(

@@ -8,9 +8,9 @@ import pytest
 
 from avrgym.models import human
 from avrgym.recording.reader import read_recording
-from avrgym.replay.verification import verify
-from avrgym.vr.protocol.messages import TICK_S, Placed, Scene
-from avrgym.vr.protocol.webxr import Registration, head_pose
+from avrgym.replay.verification import verify_recording
+from avrgym.vr.protocol.messages import TICK_S, Scene, WorldMotion
+from avrgym.vr.protocol.webxr import Registration, compute_head_pose
 from avrgym.vr.session import events
 from avrgym.vr.tracking.sliding import SEAT_SPEED_M_S, SlidingMonitor
 from helpers.vr.visit import Visit, plan
@@ -45,10 +45,10 @@ class Slider(Visit):
         assert frame is not None
         assert frame.tracking.head is not None
         posture = self.session.world.scene_config.posture
-        reached_w = SlidingMonitor(self.session.person, posture).head_centre_w(
+        reached_w = SlidingMonitor(self.session.person, posture).compute_head_centre_w(
             self.session.world.joint_targets_rad
         )
-        return float(np.linalg.norm(head_pose(registration, frame.tracking.head).pos_w - reached_w))
+        return float(np.linalg.norm(compute_head_pose(registration, frame.tracking.head).pos_w - reached_w))
 
     @property
     def place(self) -> Registration:
@@ -86,7 +86,7 @@ def test_after_a_slide_the_head_is_where_it_is_tracked(tmp_path: Path, way_m: tu
     assert steps_m.max() < 1.01 * SEAT_SPEED_M_S * TICK_S
     assert not np.array_equal(visit.place.origin_w, before.origin_w)
     assert visit.place.origin_w[2] == before.origin_w[2]
-    (placed,) = visit.received(Placed)
+    (placed,) = visit.received(WorldMotion)
     assert placed.xr_from_world.position == pytest.approx(visit.place.xr_from_world().position, abs=1e-6)
 
 
@@ -101,7 +101,7 @@ def test_who_leans_stays_where_they_are(tmp_path: Path) -> None:
         visit.tick(200)
     assert visit.missed_m() < 0.02
     assert visit.place is before
-    assert visit.received(Placed) == []
+    assert visit.received(WorldMotion) == []
 
 
 @pytest.mark.slow
@@ -122,10 +122,12 @@ def test_who_comes_meanwhile_is_told_where_the_world_goes(tmp_path: Path) -> Non
     late: list[object] = []
     visit.session.send_initial_state(late.append, "spectator", visit.now_s)
     (scene,) = (each for each in late if isinstance(each, Scene))
-    (placed,) = (each for each in late if isinstance(each, Placed))
+    (placed,) = (each for each in late if isinstance(each, WorldMotion))
     assert scene.xr_from_world == visit.place.xr_from_world()
     assert 0.0 < placed.seconds < 6.0
-    assert placed.xr_from_world.position == pytest.approx(visit.received(Placed)[0].xr_from_world.position)
+    assert placed.xr_from_world.position == pytest.approx(
+        visit.received(WorldMotion)[0].xr_from_world.position
+    )
 
 
 @pytest.mark.slow
@@ -140,9 +142,9 @@ def test_a_slide_during_a_trial_is_recorded_and_verifies_bit_by_bit(tmp_path: Pa
     recording = read_recording(visit.session.recordings[0])
     places = [record.xr_from_world.position for _, record in recording.messages_by_topic["/placement"]]
     assert len(places) > 300
-    assert places[-1] == pytest.approx(visit.received(Placed)[0].xr_from_world.position, abs=1e-6)
+    assert places[-1] == pytest.approx(visit.received(WorldMotion)[0].xr_from_world.position, abs=1e-6)
     assert [each.way_m for each in visit.observed if isinstance(each, events.SeatFollowed)] == [
         pytest.approx(0.3, abs=0.05)
     ]
-    found = verify(recording)
-    assert found.identical_states == found.states > 0
+    found = verify_recording(recording)
+    assert found.num_identical_states == found.num_states > 0

@@ -7,13 +7,13 @@ from avrgym.models.human import Person
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import State
+from avrgym.vr.protocol.messages import WorldState
 from avrgym.vr.protocol.state_encoding import (
     JOINT_STEP_RAD,
     MAX_QUANTISATION_STEPS,
     POSE_QUANTISATION_STEPS,
     POSITION_STEP_M,
-    QUATERNION_STEP,
+    QUATERNION_QUANTISATION_STEP,
     StateDecoder,
     StateEncoder,
     decode_row_changes,
@@ -26,19 +26,26 @@ SINGLE = 1e-6
 """What single precision adds to the error of numbers of a few metres."""
 
 
-def state(poses: np.ndarray, targets_rad: np.ndarray | None = None, sequence: int = 0) -> State:
+def state(poses: np.ndarray, targets_rad: np.ndarray | None = None, sequence: int = 0) -> WorldState:
     targets = np.zeros(0) if targets_rad is None else targets_rad
-    return State(sequence, 0.0, -1, targets.astype("<f4").tobytes(), ["left"], poses.astype("<f4").tobytes())
+    return WorldState(
+        sequence, 0.0, -1, targets.astype("<f4").tobytes(), ["left"], poses.astype("<f4").tobytes()
+    )
 
 
 def numbers(data: bytes, columns: int) -> np.ndarray:
     return np.frombuffer(data, "<f4").reshape(-1, columns).astype(float)
 
 
-def check(sent: State, told: State) -> None:
+def check(sent: WorldState, told: WorldState) -> None:
     """The decoded state equals the sent one, within half a step."""
-    assert (told.sequence, told.simulation_time_s, told.tracking_sequence, told.deviating_parts) == (
-        *(sent.sequence, sent.simulation_time_s, sent.tracking_sequence, sent.deviating_parts),
+    assert (
+        told.sequence_number,
+        told.simulation_time_s,
+        told.tracking_sequence_number,
+        told.deviating_parts,
+    ) == (
+        *(sent.sequence_number, sent.simulation_time_s, sent.tracking_sequence_number, sent.deviating_parts),
     )
     targets = numbers(told.joint_targets, 1) - numbers(sent.joint_targets, 1)
     assert np.abs(targets).max(initial=0.0) <= 0.5 * JOINT_STEP_RAD + SINGLE
@@ -97,7 +104,7 @@ def test_nan_and_large_values_do_not_affect_other_rows() -> None:
 
 def test_angles_are_within_half_a_step() -> None:
     """The farthest that rounding four numbers turns a unit quaternion: twice the half diagonal of a step's cube."""
-    assert 2.0 * 0.5 * QUATERNION_STEP * np.sqrt(4.0) <= ROTATION_RAD
+    assert 2.0 * 0.5 * QUATERNION_QUANTISATION_STEP * np.sqrt(4.0) <= ROTATION_RAD
     assert len(POSE_QUANTISATION_STEPS) == 7
 
 
@@ -115,7 +122,7 @@ def test_states_of_moving_worlds_are_small_and_exact(environment: str) -> None:
         world.tick(None)
         sent = state(numbers(world.encode_poses(), 7), targets_rad, sequence)
         change = encoder.encode(sent)
-        sizes.append(len(messages.encode(change)))
+        sizes.append(len(messages.encode_message(change)))
         check(sent, decoder.decode(change))
     print(f"{environment}: {sizes[0]} bytes after the scene, then {max(sizes[1:])} at most")
     assert max(sizes[1:]) <= MOST_BYTES

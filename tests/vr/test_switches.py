@@ -12,16 +12,22 @@ import pytest
 
 from avrgym.geometry import transforms
 from avrgym.models import human
-from avrgym.vr.protocol.messages import Modality, State, Tracking, XRPose
-from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_wrist, hand_pose, hand_pose_from_wrist
-from avrgym.vr.tracking.jumps import MAX_SPEED_M_S, min_travel_time_s
-from avrgym.vr.tracking.switches import (
+from avrgym.vr.protocol.messages import Modality, TrackingFrameMessage, WorldState, XRPose
+from avrgym.vr.protocol.webxr import (
+    Pose,
+    Registration,
+    compute_hand_pose,
+    compute_hand_pose_from_wrist,
+    convert_wrist_to_grip,
+)
+from avrgym.vr.tracking.hand_device_switches import (
     CORRECTION_DECAY_PER_M,
     MAX_DEVICE_OFFSET_M,
     MAX_REST_DISPLACEMENT_M,
     MAX_SWITCH_GAP_S,
     HandDevice,
 )
+from avrgym.vr.tracking.jumps import MAX_LINEAR_SPEED_M_S, compute_min_travel_time_s
 from helpers.vr import device_switch_examples
 from helpers.vr.device_switch_examples import (
     NO_ERROR,
@@ -60,8 +66,8 @@ def trembling(rng: np.random.Generator, grip: XRPose) -> XRPose:
 def test_a_wrist_is_the_grip_of_the_same_hand(side: Side, rng: np.random.Generator) -> None:
     for _ in range(50):
         wrist = random_grip(rng)
-        hand = hand_pose_from_wrist(HERE, wrist, side)
-        assert apart(hand_pose(HERE, grip_from_wrist(wrist, side)), hand) == pytest.approx(
+        hand = compute_hand_pose_from_wrist(HERE, wrist, side)
+        assert apart(compute_hand_pose(HERE, convert_wrist_to_grip(wrist, side)), hand) == pytest.approx(
             (0.0, 0.0), abs=1e-5
         )
 
@@ -83,7 +89,7 @@ def test_a_resting_hand_stays_where_it_is(
             for _ in range(120):
                 time_s += FRAME_S
                 pose = measured_pose(trembling(rng, rest), side, way[turn % 2], errors[turn % 2])
-                followed = hand_pose(HERE, hand.corrected_grip(pose, way[turn % 2], time_s))
+                followed = compute_hand_pose(HERE, hand.correct_grip(pose, way[turn % 2], time_s))
                 begins = begins or followed
                 farthest = np.maximum(farthest, apart(followed, begins))
             time_s += gap_s
@@ -98,7 +104,7 @@ def test_a_controller_that_nothing_takes_the_place_of_is_followed_to_the_last_bi
     hand = HandDevice("right")
     for number in range(200):
         pose = random_grip(rng)
-        assert hand.corrected_grip(pose, "controller", number * FRAME_S) is pose
+        assert hand.correct_grip(pose, "controller", number * FRAME_S) is pose
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -107,14 +113,14 @@ def test_the_correction_fades_while_the_hand_moves_and_nobody_sees_it(
 ) -> None:
     hand, error = HandDevice(side), random_error(rng, 0.1, 40.0)
     grip = random_grip(rng)
-    hand.corrected_grip(grip, "controller", 0.0)
+    hand.correct_grip(grip, "controller", 0.0)
     steps_m, lengths_m = [], []
     before: XRPose | None = None
     for number in range(1, 400):
         grip = compose(grip, np.array([0.006, 0.0, 0.0]), transforms.IDENTITY_QUATERNION)
-        followed = hand.corrected_grip(measured_pose(grip, side, "hand", error), "hand", number * FRAME_S)
-        true = grip_from_wrist(measured_pose(grip, side, "hand", error), side)
-        lengths_m.append(apart(hand_pose(HERE, followed), hand_pose(HERE, true))[0])
+        followed = hand.correct_grip(measured_pose(grip, side, "hand", error), "hand", number * FRAME_S)
+        true = convert_wrist_to_grip(measured_pose(grip, side, "hand", error), side)
+        lengths_m.append(apart(compute_hand_pose(HERE, followed), compute_hand_pose(HERE, true))[0])
         if before is not None:
             steps_m.append(float(np.linalg.norm(np.subtract(followed.position, before.position))))
         before = followed
@@ -128,9 +134,9 @@ def test_who_is_elsewhere_has_moved(rng: np.random.Generator) -> None:
     """Farther than devices are apart, or after a long time: there the hand is."""
     for way_m, gap_s in ((2.0 * MAX_DEVICE_OFFSET_M, 0.1), (0.05, 1.5 * MAX_SWITCH_GAP_S)):
         hand, grip = HandDevice("right"), random_grip(rng)
-        hand.corrected_grip(grip, "controller", 0.0)
+        hand.correct_grip(grip, "controller", 0.0)
         wrist = measured_pose(grip, "right", "hand", random_error(rng, way_m, 10.0))
-        assert hand.corrected_grip(wrist, "hand", gap_s) == grip_from_wrist(wrist, "right")
+        assert hand.correct_grip(wrist, "hand", gap_s) == convert_wrist_to_grip(wrist, "right")
 
 
 def test_devices_that_take_turns_add_up_to_nothing(rng: np.random.Generator) -> None:
@@ -139,8 +145,10 @@ def test_devices_that_take_turns_add_up_to_nothing(rng: np.random.Generator) -> 
     for number in range(201):
         modality: Modality = "hand" if number % 2 else "controller"
         pose = measured_pose(rest, "left", modality, error if number % 2 else NO_ERROR)
-        followed = hand.corrected_grip(pose, modality, number * FRAME_S)
-    assert apart(hand_pose(HERE, followed), hand_pose(HERE, rest)) == pytest.approx((0.0, 0.0), abs=1e-4)
+        followed = hand.correct_grip(pose, modality, number * FRAME_S)
+    assert apart(compute_hand_pose(HERE, followed), compute_hand_pose(HERE, rest)) == pytest.approx(
+        (0.0, 0.0), abs=1e-4
+    )
 
 
 def test_no_switch_makes_a_hand_faster_than_the_fastest(rng: np.random.Generator) -> None:
@@ -154,10 +162,10 @@ def test_no_switch_makes_a_hand_faster_than_the_fastest(rng: np.random.Generator
             if rng.uniform() < 0.1:
                 modality = "hand" if modality == "controller" else "controller"
             pose = measured_pose(grip, "right", modality, error if modality == "hand" else NO_ERROR)
-            followed = hand.corrected_grip(pose, modality, number * FRAME_S)
-            assert number == 0 or min_travel_time_s(before, followed) < FRAME_S
+            followed = hand.correct_grip(pose, modality, number * FRAME_S)
+            assert number == 0 or compute_min_travel_time_s(before, followed) < FRAME_S
             before = followed
-    assert MAX_SPEED_M_S * FRAME_S > 0.1
+    assert MAX_LINEAR_SPEED_M_S * FRAME_S > 0.1
 
 
 def test_the_clients_examples_are_what_the_server_follows() -> None:
@@ -185,7 +193,7 @@ class Switching(Visit):
     side: Side = "right"
     devices: Callable[[float], tuple[Modality, Error]] = staticmethod(lambda now_s: ("controller", NO_ERROR))
 
-    def frame(self) -> Tracking:
+    def frame(self) -> TrackingFrameMessage:
         frame = super().frame()
         modality, error = self.devices(self.now_s)
         grip = getattr(frame, self.side)
@@ -194,8 +202,8 @@ class Switching(Visit):
 
     def hand(self) -> Pose:
         """Where the hand is simulated in the latest state."""
-        at = self.session.bodies.index(f"{human.PREFIX}{self.side}_hand")
-        poses = np.frombuffer(self.received(State)[-1].poses, "<f4").reshape(-1, 7).astype(float)
+        at = self.session.bodies.index(f"{human.PERSON_NAME_PREFIX}{self.side}_hand")
+        poses = np.frombuffer(self.received(WorldState)[-1].poses, "<f4").reshape(-1, 7).astype(float)
         return Pose(poses[at, :3], poses[at, 3:])
 
 

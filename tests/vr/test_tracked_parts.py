@@ -12,26 +12,40 @@ import pytest
 
 from avrgym.models.body_names import TRACKED_BODY_PART_LABELS, TRACKED_BODY_PARTS, TrackedBodyPart
 from avrgym.models.human import SEATED_POSE_RAD
-from avrgym.people.distributions import BASE_DISTRIBUTIONS
+from avrgym.people.distributions import POPULATION_DISTRIBUTIONS
 from avrgym.people.population_names import IMPAIRMENTS, ImpairmentName
 from avrgym.recording.reader import Recording
-from avrgym.study.checking.tracking_loss import describe_excess_tracking_loss, tracking_loss_share
-from avrgym.study.design.design import default_design_text, parse_design
+from avrgym.study.checking.tracking_loss import compute_tracking_loss_fraction, describe_excess_tracking_loss
+from avrgym.study.design.design import parse_design, read_default_design_text
 from avrgym.tasks import constants
 from avrgym.tasks.registry import TASKS
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
-from avrgym.vr.protocol.messages import TICK_S, Modality, Phase, Ready, State, Status, Tracking, XRPose
-from avrgym.vr.session import events as session_events
-from avrgym.vr.tracking.freshness import STALE_POSE_AGE_S, MeasurementTimes
+from avrgym.vr.protocol.messages import (
+    TICK_S,
+    Modality,
+    ParticipantReady,
+    PhaseDescription,
+    SessionStatus,
+    TrackingFrameMessage,
+    WorldState,
+    XRPose,
+)
+from avrgym.vr.session import events as read_session_events
+from avrgym.vr.tracking.pose_freshness import STALE_POSE_AGE_S, MeasurementTimes
 from helpers.vr.visit import FRAME_EVERY_TICKS, Visit, plan
 
 ROBOT = "Jaco"
 NAMES = constants.PACKAGED_TASKS
-NEEDED = [(name, part) for name in NAMES for part in TASKS[name].tracked]
-NEEDLESS = [(name, part) for name in NAMES for part in TRACKED_BODY_PARTS if part not in TASKS[name].tracked]
+NEEDED = [(name, part) for name in NAMES for part in TASKS[name].tracked_body_parts]
+NEEDLESS = [
+    (name, part)
+    for name in NAMES
+    for part in TRACKED_BODY_PARTS
+    if part not in TASKS[name].tracked_body_parts
+]
 FRAME_S = 1.0 / 90.0
 
-Spoil = Callable[[Tracking, Tracking], Tracking]
+Spoil = Callable[[TrackingFrameMessage, TrackingFrameMessage], TrackingFrameMessage]
 
 
 def missing(*parts: TrackedBodyPart) -> Spoil:
@@ -53,9 +67,9 @@ class Spoiled(Visit):
     """A participant whose frames are ``spoiled`` where that is set."""
 
     spoil: Spoil | None = None
-    _first: Tracking | None = None
+    _first: TrackingFrameMessage | None = None
 
-    def frame(self) -> Tracking:
+    def frame(self) -> TrackingFrameMessage:
         frame = super().frame()
         if self.spoil is None:
             self._first = None
@@ -102,34 +116,34 @@ def test_no_trial_counts_in_which_a_needed_part_is_not_tracked(
     while visit.phase == "trial" and visit.now_s < began_s + 3.0:
         visit.tick()
         if visit.now_s > began_s + STALE_POSE_AGE_S + 0.25:
-            status = visit.received(Status)[-1]
+            status = visit.received(SessionStatus)[-1]
             assert (status.needed_parts, status.untracked_parts) == (
-                list(TASKS[task].tracked),
+                list(TASKS[task].tracked_body_parts),
                 lost(kind, part),
             )
     assert visit.phase == "paused"
     assert visit.now_s - began_s == pytest.approx(1.0, abs=FRAME_EVERY_TICKS * TICK_S + 2 * TICK_S)
     assert visit.session.attempt is None
-    assert part in visit.happened(session_events.TrackingLost)
-    assert visit.happened(session_events.TrackingTimedOut) == [part]
+    assert part in visit.happened(read_session_events.TrackingLost)
+    assert visit.happened(read_session_events.TrackingTimedOut) == [part]
     assert TRACKED_BODY_PART_LABELS[part] in visit.problems[-1]
-    text = visit.received(Phase)[-1].text
+    text = visit.received(PhaseDescription)[-1].text
     assert ("tracking was lost" if part == "head" else TRACKED_BODY_PART_LABELS[part]) in text.lower()
     (recording,) = visit.recordings()
     assert ended(recording) == "interrupted"
     assert ("tracking_lost", part) in told(recording)
     last = [frame for _, frame in recording.messages_by_topic["/tracking"]][-1]
     assert last.rejected or (part in last.rejected_parts and part in last.untracked_parts)
-    assert (tracking_loss_share(recording) or 0.0) > 0.7
+    assert (compute_tracking_loss_fraction(recording) or 0.0) > 0.7
 
-    visit.send(Ready())
+    visit.send(ParticipantReady())
     visit.tick(100)
     assert (visit.phase, len(visit.session.recordings)) == ("paused", 1)
     visit.spoil = None
     visit.tick(10)
-    visit.send(Ready())
+    visit.send(ParticipantReady())
     visit.run_until("questionnaire")
-    assert part in visit.happened(session_events.TrackingFound)
+    assert part in visit.happened(read_session_events.TrackingFound)
     visit.answer(4, 4, 4, 4)
     assert [ended(each) for each in visit.recordings()] == ["interrupted", "completed"]
 
@@ -148,15 +162,15 @@ def test_a_part_that_the_task_does_not_need_ends_nothing(
     visit = visiting(tmp_path, task, steps=15)
     visit.spoil = SPOILS[kind](part)
     visit.go_to("questionnaire")
-    assert visit.received(Status)[-1].untracked_parts == [part]
-    assert part in visit.received(State)[-1].deviating_parts
+    assert visit.received(SessionStatus)[-1].untracked_parts == [part]
+    assert part in visit.received(WorldState)[-1].deviating_parts
     visit.answer(4, 4, 4, 4)
     (recording,) = visit.recordings()
     assert ended(recording) == "completed"
-    assert tracking_loss_share(recording) == pytest.approx(0.0, abs=1e-9)
+    assert compute_tracking_loss_fraction(recording) == pytest.approx(0.0, abs=1e-9)
     frames = [frame for _, frame in recording.messages_by_topic["/tracking"] if frame.moved_person]
     assert all(frame.untracked_parts == [part] for frame in frames)
-    assert not visit.happened(session_events.TrackingLost)
+    assert not visit.happened(read_session_events.TrackingLost)
 
 
 @pytest.mark.parametrize("kind", SPOILS)
@@ -167,13 +181,13 @@ def test_no_trial_begins_before_its_needed_parts_are_tracked(tmp_path: Path, kin
     visit.calibrate()
     visit.run_until("check")
     visit.tick(100)
-    visit.send(Ready())
+    visit.send(ParticipantReady())
     assert visit.phase == "paused"
-    assert "right hand is not tracked" in visit.received(Phase)[-1].text
+    assert "right hand is not tracked" in visit.received(PhaseDescription)[-1].text
     assert not visit.session.recordings
     visit.spoil = None
     visit.tick(10)
-    visit.send(Ready())
+    visit.send(ParticipantReady())
     visit.run_until("trial")
 
 
@@ -200,9 +214,11 @@ def test_a_hand_that_is_lost_for_a_while_counts_as_held_by_its_part(tmp_path: Pa
     visit.answer(4, 4, 4, 4)
     (recording,) = visit.recordings()
     assert ended(recording) == "completed"
-    assert tracking_loss_share(recording) == pytest.approx((0.8 - STALE_POSE_AGE_S) / 4.0, abs=0.03)
-    assert tracking_loss_share(recording, "left") == pytest.approx(0.0, abs=1e-9)
-    why = describe_excess_tracking_loss(recording, parse_design(default_design_text()))
+    assert compute_tracking_loss_fraction(recording) == pytest.approx(
+        (0.8 - STALE_POSE_AGE_S) / 4.0, abs=0.03
+    )
+    assert compute_tracking_loss_fraction(recording, "left") == pytest.approx(0.0, abs=1e-9)
+    why = describe_excess_tracking_loss(recording, parse_design(read_default_design_text()))
     print(f"\n{why}")
     assert why is not None
     assert "left hand 0.0 %, right hand 1" in why
@@ -215,7 +231,7 @@ def test_a_stream_that_repeats_itself_is_nobodys(tmp_path: Path) -> None:
     asleep.spoil = frozen(*TRACKED_BODY_PARTS)
     asleep.tick(120)
     assert asleep.phase == "paused"
-    assert asleep.happened(session_events.TrackingTimedOut) == ["head"]
+    assert asleep.happened(read_session_events.TrackingTimedOut) == ["head"]
 
 
 @pytest.mark.fast_cases(1)
@@ -229,7 +245,10 @@ def test_whoever_takes_part_with_a_mouse_and_keeps_still_is_tracked(tmp_path: Pa
     visit.go_to("questionnaire")
     visit.answer(4, 4, 4, 4)
     (recording,) = visit.recordings()
-    assert (ended(recording), tracking_loss_share(recording)) == ("completed", pytest.approx(0.0, abs=1e-9))
+    assert (ended(recording), compute_tracking_loss_fraction(recording)) == (
+        "completed",
+        pytest.approx(0.0, abs=1e-9),
+    )
 
 
 # Parts -------------------------------------------------------------------------------------------------------
@@ -239,18 +258,18 @@ def pose(x_m: float) -> XRPose:
     return XRPose((x_m, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
-def frame(number: int, kept: Mapping[str, XRPose | None], by_mouse: str = "") -> Tracking:
+def frame(number: int, kept: Mapping[str, XRPose | None], by_mouse: str = "") -> TrackingFrameMessage:
     poses = {part: pose(1e-9 * number) for part in TRACKED_BODY_PARTS} | dict(kept)
     modality: list[Modality] = ["mouse" if side == by_mouse else "controller" for side in ("left", "right")]
-    return Tracking(number, 0.0, poses["head"], poses["left"], poses["right"], *modality)
+    return TrackingFrameMessage(number, 0.0, poses["head"], poses["left"], poses["right"], *modality)
 
 
-def seen(frames: int, make: Callable[[int], Tracking]) -> tuple[TrackedBodyPart, ...]:
+def seen(frames: int, make: Callable[[int], TrackingFrameMessage]) -> tuple[TrackedBodyPart, ...]:
     """Which parts are stale after so many frames."""
     freshness = MeasurementTimes()
     for number in range(frames):
         freshness.update(make(number), number * FRAME_S)
-    return freshness.stale_parts((frames - 1) * FRAME_S)
+    return freshness.find_stale_parts((frames - 1) * FRAME_S)
 
 
 STALE_FRAMES = round(STALE_POSE_AGE_S / FRAME_S) + 2
@@ -259,7 +278,7 @@ STALE_FRAMES = round(STALE_POSE_AGE_S / FRAME_S) + 2
 @pytest.mark.parametrize("part", TRACKED_BODY_PARTS)
 @pytest.mark.parametrize("kept", [None, pose(0.5)])
 def test_a_part_is_stale_after_0_2_s_without_a_new_pose(part: TrackedBodyPart, kept: XRPose | None) -> None:
-    def make(number: int) -> Tracking:
+    def make(number: int) -> TrackingFrameMessage:
         return frame(number, {part: kept} if number else {})
 
     assert seen(STALE_FRAMES - 2, make) == ()
@@ -279,8 +298,8 @@ def test_a_mouse_that_rests_is_fresh(hand: str) -> None:
 
 def test_before_the_first_frame_no_part_is_stale_and_none_is_tracked() -> None:
     freshness = MeasurementTimes()
-    assert freshness.stale_parts(10.0) == ()
-    assert freshness.pose_age_s("head", 10.0) == np.inf
+    assert freshness.find_stale_parts(10.0) == ()
+    assert freshness.compute_pose_age_s("head", 10.0) == np.inf
 
 
 @pytest.mark.parametrize("people", ["original", "participants"])
@@ -288,10 +307,10 @@ def test_before_the_first_frame_no_part_is_stale_and_none_is_tracked() -> None:
 @pytest.mark.fast_cases(5)
 def test_no_simulated_participant_repeats_a_pose(people: str, impairment: ImpairmentName) -> None:
     someone = SimulatedParticipant(
-        sample_participant_traits("man", 3, BASE_DISTRIBUTIONS[people], impairment), 3
+        sample_participant_traits("man", 3, POPULATION_DISTRIBUTIONS[people], impairment), 3
     )
-    frames = [someone.tracking_frame(0.02 * n, moving=n >= 50) for n in range(100)]
-    frames += [someone.tracking_frame_from_angles(SEATED_POSE_RAD, 3.0 + 0.02 * n) for n in range(50)]
+    frames = [someone.make_tracking_frame(0.02 * n, moving=n >= 50) for n in range(100)]
+    frames += [someone.make_tracking_frame_from_angles(SEATED_POSE_RAD, 3.0 + 0.02 * n) for n in range(50)]
     for part in TRACKED_BODY_PARTS:
         assert all(getattr(a, part) != getattr(b, part) for a, b in pairwise(frames))
 
@@ -302,19 +321,20 @@ def test_no_simulated_participant_repeats_a_pose(people: str, impairment: Impair
 @pytest.mark.parametrize("parts", [(), ("right",), ("head", "nose"), ("left", "right")])
 def test_a_task_needs_the_head_and_nothing_else_than_arms(parts: tuple[str, ...]) -> None:
     with pytest.raises(
-        ValueError, match=r"task Feeding: the field `tracked` is .* allowed: 'head', and 'left' or 'right'"
+        ValueError,
+        match=r"task Feeding: the field `tracked_body_parts` is .* allowed: 'head', and 'left' or 'right'",
     ):
-        replace(TASKS["Feeding"], tracked=parts)  # type: ignore[arg-type]
+        replace(TASKS["Feeding"], tracked_body_parts=parts)  # type: ignore[arg-type]
 
 
 def test_a_task_needs_the_head_and_the_arm_that_it_serves() -> None:
     """People offer the right arm. In dressing they keep still, and the sleeve goes over the left arm."""
     for name in NAMES:
-        if TASKS[name].offered == "arm":
+        if TASKS[name].offered_body_part == "arm":
             arms: tuple[str, ...] = ("right",)
         else:
             arms = ("left",) if name == "Dressing" else ()
-        assert TASKS[name].tracked == ("head", *arms)
+        assert TASKS[name].tracked_body_parts == ("head", *arms)
 
 
 @pytest.mark.slow

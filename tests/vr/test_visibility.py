@@ -6,24 +6,24 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from avrgym.replay.verification import verify
+from avrgym.replay.verification import verify_recording
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.live_world.world import BRAKING_TICKS
 from avrgym.vr.protocol.messages import (
     TICK_S,
-    Command,
-    CommandName,
-    Phase,
-    Ready,
-    Status,
+    ExperimenterCommand,
+    ExperimenterCommandName,
+    ParticipantReady,
+    PhaseDescription,
+    SessionStatus,
     Stop,
-    Tracking,
+    TrackingFrameMessage,
     Visibility,
     VisibilityChanged,
 )
 from avrgym.vr.server.inbox import MAX_MESSAGES_PER_TICK, Inbox
-from avrgym.vr.session import events as session_events
-from avrgym.vr.tracking.frames import STALE_POSE_AGE_S
+from avrgym.vr.session import events as read_session_events
+from avrgym.vr.tracking.tracking_frames import STALE_POSE_AGE_S
 from helpers.vr.visit import ENVIRONMENT, FRAME_EVERY_TICKS, Visit, events, result
 
 UNSEEN = [visibility for visibility in get_args(Visibility) if visibility != "visible"]
@@ -31,7 +31,7 @@ VISIBLE = VisibilityChanged("visible")
 
 
 def speed_m_s(visit: Visit) -> float:
-    return float(np.linalg.norm(visit.session.world.simulation.state().tool_velocity_w))
+    return float(np.linalg.norm(visit.session.world.simulation.get_state().tool_velocity_w))
 
 
 # Before and while the robot helps ----------------------------------------------------------------------------
@@ -56,12 +56,12 @@ def test_the_robot_holds_when_its_participant_no_longer_sees_the_scene(
     (recording,) = blocked.recordings()
     assert result(recording) == "interrupted"
     assert events(recording)[-2:] == ["visibility_lost", "robot_holds"]
-    (lost,) = (each for each in blocked.observed if isinstance(each, session_events.VisibilityLost))
+    (lost,) = (each for each in blocked.observed if isinstance(each, read_session_events.VisibilityLost))
     assert lost.visibility == visibility
     assert "does not see the scene" in blocked.problems[-1]
     assert "the trial is repeated" in blocked.problems[-1]
     blocked.tick(20)
-    assert blocked.received(Status)[-1].visibility == visibility
+    assert blocked.received(SessionStatus)[-1].visibility == visibility
 
 
 @pytest.mark.fast_cases(1)
@@ -71,15 +71,15 @@ def test_who_sees_the_scene_again_repeats_the_trial_with_the_trigger(
 ) -> None:
     blocked = visit(trial_steps=5)
     blocked.go_to("trial")
-    blocked.send(VisibilityChanged(visibility), Ready())
+    blocked.send(VisibilityChanged(visibility), ParticipantReady())
     blocked.tick(50)
     assert blocked.phase == "paused"
     blocked.send(VISIBLE)
     blocked.tick(200)
     assert blocked.phase == "paused"
     assert len(blocked.session.recordings) == 1
-    assert any(isinstance(each, session_events.VisibilityFound) for each in blocked.observed)
-    blocked.send(Ready())
+    assert any(isinstance(each, read_session_events.VisibilityFound) for each in blocked.observed)
+    blocked.send(ParticipantReady())
     blocked.run_until("questionnaire")
     blocked.answer(4, 4, 4, 4)
     assert [result(each) for each in blocked.recordings()] == ["interrupted", "completed"]
@@ -88,15 +88,15 @@ def test_who_sees_the_scene_again_repeats_the_trial_with_the_trigger(
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("name", ["continue", "repeat", "skip"])
 def test_the_experimenter_begins_no_trial_in_their_place(
-    visit: Callable[..., Visit], name: CommandName
+    visit: Callable[..., Visit], name: ExperimenterCommandName
 ) -> None:
     blocked = visit(seeds=(3, 4, 5), trial_steps=50)
     blocked.go_to("trial")
     blocked.confirms = False
-    blocked.send(VisibilityChanged("hidden"), Command(name=name))
+    blocked.send(VisibilityChanged("hidden"), ExperimenterCommand(name=name))
     blocked.tick(50)
     assert blocked.phase == "paused"
-    blocked.send(VISIBLE, Command(name=name))
+    blocked.send(VISIBLE, ExperimenterCommand(name=name))
     blocked.tick(200)
     assert blocked.phase in ("paused", "ready")
     assert len(blocked.session.recordings) == 1
@@ -113,14 +113,14 @@ def test_no_trial_begins_while_they_do_not_see_the_scene(
     blocked.confirms = False
     blocked.run_until("check")
     if phase == "ready":
-        blocked.send(Command(name="skip"))
+        blocked.send(ExperimenterCommand(name="skip"))
         blocked.run_until("ready")
     blocked.send(VisibilityChanged(visibility))
     for _ in range(3):
-        blocked.send(Ready())
+        blocked.send(ParticipantReady())
         blocked.tick(50)
     assert blocked.phase == "paused"
-    assert "You do not see the scene" in blocked.received(Phase)[-1].text
+    assert "You do not see the scene" in blocked.received(PhaseDescription)[-1].text
     assert blocked.session.recordings == []
 
 
@@ -129,7 +129,7 @@ def test_a_menu_that_opens_while_the_scene_loads_begins_no_trial(visit: Callable
     blocked.go_to("trial")
     blocked.send(Stop())
     blocked.confirms = blocked.loads_scenes = False
-    blocked.send(Ready(), VisibilityChanged("visible-blurred"), VISIBLE)
+    blocked.send(ParticipantReady(), VisibilityChanged("visible-blurred"), VISIBLE)
     blocked.loads_scenes = True
     blocked.tick(300)
     assert blocked.phase == "ready"
@@ -161,7 +161,7 @@ def test_a_retreat_is_held_and_what_the_robot_gave_is_kept(visit: Callable[..., 
     (recording,) = finished.recordings()
     assert result(recording) == "completed"
     assert {"visibility_lost", "visibility_found"} <= set(events(recording))
-    assert verify(recording).identical
+    assert verify_recording(recording).is_identical
 
 
 @pytest.mark.fast_cases(1)
@@ -203,7 +203,7 @@ def test_the_robot_holds_within_a_tick_once_tracking_is_stale_and_goes_on_with_i
     away.tick(FRAME_EVERY_TICKS - away._ticks % FRAME_EVERY_TICKS + 1)
     away.tracking = False
     ticks = 0
-    while away.session.world._loop.moving:
+    while away.session.world._loop.is_moving:
         away.tick()
         ticks += 1
     print(f"\nthe robot holds {ticks * TICK_S:.2f} s after the last frame")
@@ -225,7 +225,7 @@ def test_the_robot_holds_within_a_tick_once_tracking_is_stale_and_goes_on_with_i
     idle = [step for step in steps if step.idle]
     assert len(idle) >= 3
     assert not any(any(step.action) for step in idle)
-    assert verify(recording).identical
+    assert verify_recording(recording).is_identical
 
 
 def way_to_rest_m(stopping: Visit, lose: Callable[[Visit], None]) -> float:
@@ -237,10 +237,10 @@ def way_to_rest_m(stopping: Visit, lose: Callable[[Visit], None]) -> float:
     assert speed_m_s(stopping) > 0.1
     lose(stopping)
     simulation = stopping.session.world.simulation
-    places_w = [simulation.state().tool_pos_w[0].copy()]
+    places_w = [simulation.get_state().tool_pos_w[0].copy()]
     for _ in range(30):
         stopping.tick()
-        places_w.append(simulation.state().tool_pos_w[0].copy())
+        places_w.append(simulation.get_state().tool_pos_w[0].copy())
     assert speed_m_s(stopping) < 0.005
     return float(np.linalg.norm(np.diff(places_w, axis=0), axis=1).sum())
 
@@ -276,7 +276,7 @@ def test_stale_tracking_stops_the_robot_as_its_brakes_do(
 def test_nothing_that_waits_delays_it(visibility: Visibility) -> None:
     inbox, lost = Inbox(), VisibilityChanged(visibility)
     for number in range(5 * MAX_MESSAGES_PER_TICK):
-        inbox.put(Tracking(number, 0.0, None, None, None, "none", "none"))
+        inbox.put(TrackingFrameMessage(number, 0.0, None, None, None, "none", "none"))
     inbox.put(VISIBLE)
     inbox.put(lost)
     assert inbox.get() == lost

@@ -7,19 +7,19 @@ import pytest
 
 from avrgym.geometry import transforms
 from avrgym.models.human import HEADSET_OFFSET_M
-from avrgym.vr.protocol.messages import Tracking, XRPose
+from avrgym.vr.protocol.messages import TrackingFrameMessage, XRPose
 from avrgym.vr.protocol.webxr import (
     Pose,
     Registration,
-    grip_from_hand,
-    hand_pose,
-    hand_pose_from_wrist,
-    head_pose,
-    headset_from_head,
+    compute_hand_pose,
+    compute_hand_pose_from_wrist,
+    compute_head_pose,
+    compute_registration,
+    convert_hand_to_grip,
+    convert_head_to_headset,
     is_valid_pose,
-    registration_from_head,
 )
-from avrgym.vr.tracking.frames import body_pose
+from avrgym.vr.tracking.tracking_frames import compute_body_pose
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 AHEAD_W = [0.0, -1.0, 0.0]
@@ -53,7 +53,7 @@ def test_up_stays_up_and_lengths_stay() -> None:
 def test_registering_puts_the_head_over_the_seat_with_its_gaze_along_minus_y(yaw_rad: float) -> None:
     half = 0.5 * yaw_rad
     head = XRPose((0.4, 1.2, -0.7), (0.0, float(np.sin(half)), 0.0, float(np.cos(half))))
-    pose = head_pose(registration_from_head(head, np.array([0.0, 0.03, 1.15])), head)
+    pose = compute_head_pose(compute_registration(head, np.array([0.0, 0.03, 1.15])), head)
     np.testing.assert_allclose(pose.pos_w, [0.0, 0.03, 1.15], atol=1e-12)
     np.testing.assert_allclose(transforms.rotate(pose.q_w, AHEAD_W), AHEAD_W, atol=1e-12)
 
@@ -67,7 +67,7 @@ def test_registering_does_not_mind_a_nod(pitch_rad: float) -> None:
     )
     w, x, y, z = turn.tolist()
     head = XRPose((0.4, 1.2, -0.7), (x, y, z, w))
-    pose = head_pose(registration_from_head(head, np.array([0.1, 0.03, 1.2])), head)
+    pose = compute_head_pose(compute_registration(head, np.array([0.1, 0.03, 1.2])), head)
     np.testing.assert_allclose(pose.pos_w, [0.1, 0.03, 1.2], atol=1e-12)
     ahead = transforms.rotate(pose.q_w, AHEAD_W)
     np.testing.assert_allclose(ahead, [0.0, -np.cos(pitch_rad), np.sin(pitch_rad)], atol=1e-12)
@@ -75,15 +75,18 @@ def test_registering_does_not_mind_a_nod(pitch_rad: float) -> None:
 
 def test_the_head_lies_behind_the_headset() -> None:
     head = XRPose((0.0, 1.2, 0.0), UPRIGHT)
-    registration = registration_from_head(head, np.zeros(3))
+    registration = compute_registration(head, np.zeros(3))
     headset = registration.to_world(head).pos_w
     np.testing.assert_allclose(
-        headset - head_pose(registration, head).pos_w, [0, -HEADSET_OFFSET_M, 0], atol=1e-12
+        headset - compute_head_pose(registration, head).pos_w, [0, -HEADSET_OFFSET_M, 0], atol=1e-12
     )
 
 
 def test_headset_and_grip_are_inverses_of_head_and_hand(rng: np.random.Generator) -> None:
-    for to_body, to_device in ((head_pose, headset_from_head), (hand_pose, grip_from_hand)):
+    for to_body, to_device in (
+        (compute_head_pose, convert_head_to_headset),
+        (compute_hand_pose, convert_hand_to_grip),
+    ):
         registration = random_registration(rng)
         body = Pose(rng.uniform(-1, 1, 3), random_quaternion(rng))
         again = to_body(registration, to_device(registration, body))
@@ -95,7 +98,7 @@ def test_a_fist_around_an_upright_rod_has_its_thumb_up() -> None:
     """Of such a grip −z is up and x is right (WebXR ``gripSpace``); the hand's −y is its thumb, −z its knuckles."""
     half = np.sqrt(0.5)
     grip = XRPose((0.0, 1.0, 0.0), (float(half), 0.0, 0.0, float(half)))
-    hand = hand_pose(Registration(np.zeros(3), np.pi), grip)
+    hand = compute_hand_pose(Registration(np.zeros(3), np.pi), grip)
     np.testing.assert_allclose(transforms.rotate(hand.q_w, [0.0, -1.0, 0.0]), [0, 0, 1], atol=1e-12)
     np.testing.assert_allclose(transforms.rotate(hand.q_w, [0.0, 0.0, -1.0]), AHEAD_W, atol=1e-12)
 
@@ -104,7 +107,7 @@ def test_a_fist_around_an_upright_rod_has_its_thumb_up() -> None:
 def test_a_tracked_hand_on_a_table_points_ahead_with_its_thumb_inward(side: Literal["left", "right"]) -> None:
     """Palm down, fingers ahead: of a wrist −z is ahead and y up; the hand's −z are its fingers, −y is its thumb."""
     wrist = XRPose((0.0, 0.8, 0.0), UPRIGHT)
-    hand = hand_pose_from_wrist(Registration(np.zeros(3), np.pi), wrist, side)
+    hand = compute_hand_pose_from_wrist(Registration(np.zeros(3), np.pi), wrist, side)
     inward = [1.0, 0.0, 0.0] if side == "right" else [-1.0, 0.0, 0.0]
     np.testing.assert_allclose(transforms.rotate(hand.q_w, [0.0, 0.0, -1.0]), AHEAD_W, atol=1e-12)
     np.testing.assert_allclose(hand.pos_w, [0.0, -0.08, 0.8], atol=1e-12)
@@ -130,9 +133,14 @@ def test_poses_that_no_headset_has_are_not_valid(pose: XRPose) -> None:
 def test_hand_poses_depend_on_their_modality(rng: np.random.Generator) -> None:
     """A controller in one hand while the other is bare."""
     registration, pose = random_registration(rng), XRPose((0.1, 1.0, -0.2), (0.5, -0.5, 0.5, 0.5))
-    body = body_pose(registration, Tracking(0, 0.0, pose, pose, pose, "hand", "controller"))
+    body = compute_body_pose(
+        registration, TrackingFrameMessage(0, 0.0, pose, pose, pose, "hand", "controller")
+    )
     assert body.left is not None
     assert body.right is not None
-    wrist, grip = hand_pose_from_wrist(registration, pose, "left"), hand_pose(registration, pose)
+    wrist, grip = (
+        compute_hand_pose_from_wrist(registration, pose, "left"),
+        compute_hand_pose(registration, pose),
+    )
     np.testing.assert_array_equal(body.left.pos_w, wrist.pos_w)
     np.testing.assert_array_equal(body.right.pos_w, grip.pos_w)

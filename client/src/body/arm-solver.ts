@@ -30,7 +30,7 @@ const SWIVEL_SIN = Float64Array.from({ length: SWIVELS }, (_, n) => Math.sin(n *
 /**
  * Inverse kinematics of a right arm; implements `vr/tracking/arm.py`, which explains the method.
  *
- * Targets out of reach are projected to the reachable range. No joint moves by more than `turn` from `start`.
+ * ParticipantTargets out of reach are projected to the reachable range. No joint moves by more than `turn` from `start`.
  */
 export function solveArm(lengths: ArmLengths, hand: Hand, start: ArmAngles, turn: number): ArmAngles {
   const reached = { position: withinReach(lengths, hand), axes: hand.axes };

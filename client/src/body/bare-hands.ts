@@ -10,9 +10,9 @@ import {
   Vector3,
 } from "three";
 import type { Pose, Side } from "./body-solver";
-import type { Body } from "../generated/messages";
+import type { ParticipantBody } from "../generated/messages";
 
-/** Joints of a bare hand in the order of WebXR Hand Input: matrices in `local-floor`, and radii in metres. */
+/** Joints of a bare hand in the order of WebXR Hand InputProfileMessage: matrices in `local-floor`, and radii in metres. */
 export interface HandJoints {
   matrices: Float32Array;
   radii: Float32Array;
@@ -46,7 +46,7 @@ export class BareHands {
   };
 
   /** Sets the colour to that of the skin. */
-  colour({ skin_tone, skin_tones, skin_tones_rgb }: Body): void {
+  colour({ skin_tone, skin_tones, skin_tones_rgb }: ParticipantBody): void {
     this.material.color.setRGB(...skin_tones_rgb[skin_tones.indexOf(skin_tone)]!, SRGBColorSpace);
   }
 

@@ -3,7 +3,7 @@ import { ARM } from "../generated/body-model";
 import { BodySolver, type BodyPose, type JointAngles } from "./body-solver";
 import { chainsOf, drawChain, type Chain, type Place } from "./kinematic-chain";
 import { TICK_S, type TrackedBodyPart, type Scene } from "../generated/messages";
-import type { State } from "../session/state-decoder";
+import type { WorldState } from "../session/state-decoder";
 
 /** Time for blending a deviating part from the tracked to the simulated pose, and back. */
 export const BLEND_MS = 100;
@@ -33,7 +33,7 @@ export class ParticipantBody {
   }
 
   /** Stores the joint targets and deviating parts of the newest state. */
-  take({ joint_targets: targets, deviating_parts: deviating }: State): void {
+  take({ joint_targets: targets, deviating_parts: deviating }: WorldState): void {
     this.targets = targets.length ? targets : null;
     this.deviating = new Set(deviating);
   }

@@ -4,11 +4,11 @@ import { isRunning, linkText } from "../session/display-state";
 import { OperatorControl } from "../input/operator-control";
 import { RobotCommandInput } from "../input/robot-commands";
 import { createElement, element, spectatorFrame, watchAddress } from "../page/dom";
-import type { Body, ChooseBody, CommandName, FurniturePoint, Phase, ServerMessage, Status, Targets } from "../generated/messages";
+import type { ParticipantBody, BodyChoice, ExperimenterCommandName, FurniturePoint, PhaseDescription, ServerMessage, SessionStatus, ParticipantTargets } from "../generated/messages";
 import { PHASE_TEXTS, skipText, statusTexts, timingText } from "../session/session-status";
 import { ENGLISH_TEXTS } from "../page/texts";
 
-const COMMAND_KEYS: Record<string, CommandName> = { r: "repeat", k: "skip", m: "recalibrate", b: "break" };
+const COMMAND_KEYS: Record<string, ExperimenterCommandName> = { r: "repeat", k: "skip", m: "recalibrate", b: "break" };
 
 export interface LiveEvents {
   /** The session has advanced, so the study has changed. */
@@ -24,8 +24,8 @@ export class Live {
   private readonly buttons = [...document.querySelectorAll<HTMLButtonElement>("[data-command]")];
   private readonly sex = element<HTMLSelectElement>("sex");
   private readonly tone = element<HTMLSelectElement>("skin-tone");
-  private phase: Phase | null = null;
-  private body: Body | null = null;
+  private phase: PhaseDescription | null = null;
+  private body: ParticipantBody | null = null;
   private paused = false;
   private isWelcome = false;
 
@@ -38,7 +38,7 @@ export class Live {
       link: (link, code) => this.onLink(link, code),
     });
     for (const button of this.buttons)
-      button.addEventListener("click", () => this.command(button.dataset["command"] as CommandName));
+      button.addEventListener("click", () => this.command(button.dataset["command"] as ExperimenterCommandName));
     for (const button of document.querySelectorAll<HTMLButtonElement>("[data-point]"))
       button.addEventListener("click", () => this.connection.send({ type: "mark_point", point: button.dataset["point"] as FurniturePoint }));
     for (const select of [this.sex, this.tone]) select.addEventListener("change", () => this.chooseBody());
@@ -91,7 +91,7 @@ export class Live {
     return frame;
   }
 
-  private onBody(body: Body): void {
+  private onBody(body: ParticipantBody): void {
     this.body = body;
     if (this.tone.options.length === 0) this.tone.append(...body.skin_tones.map((tone) => new Option(tone, tone)));
     this.sex.value = body.sex;
@@ -100,7 +100,7 @@ export class Live {
   }
 
   /** Shows buttons with which the experimenter selects for the participant. */
-  private offer({ number, targets }: Targets): void {
+  private offer({ number, targets }: ParticipantTargets): void {
     element("selections").hidden = targets.length === 0;
     const buttons = targets.map(({ value, label }) => {
       const button = createElement("button", label);
@@ -112,17 +112,17 @@ export class Live {
   }
 
   private chooseBody(): void {
-    const sex = this.sex.value as ChooseBody["sex"];
+    const sex = this.sex.value as BodyChoice["sex"];
     this.connection.send({ type: "choose_body", sex, skin_tone: this.tone.value });
   }
 
-  private onPhase(phase: Phase): void {
+  private onPhase(phase: PhaseDescription): void {
     this.phase = phase;
     this.show();
     this.events.changed();
   }
 
-  private onStatus(status: Status): void {
+  private onStatus(status: SessionStatus): void {
     this.paused = status.paused;
     this.driving.onStatus(status);
     for (const [id, words] of Object.entries(statusTexts(status))) element(id).textContent = words;
@@ -148,7 +148,7 @@ export class Live {
     element("session-words").textContent = sessionText(this.phase);
   }
 
-  private command(name: CommandName): void {
+  private command(name: ExperimenterCommandName): void {
     this.connection.send({ type: "command", name });
   }
 
@@ -187,12 +187,12 @@ function isTyping(target: EventTarget | null): boolean {
 }
 
 /** Whether a session runs: it has trials, or asks questions about the session. */
-function isSession(phase: Phase | null): phase is Phase {
+function isSession(phase: PhaseDescription | null): phase is PhaseDescription {
   return phase !== null && (phase.trials > 0 || phase.name === "questionnaire" || phase.name === "confirm");
 }
 
 /** The phase of the session in one sentence. */
-export function sessionText(phase: Phase | null): string {
+export function sessionText(phase: PhaseDescription | null): string {
   if (!isSession(phase)) return "No session runs here.";
   const words = `${phase.practice ? "practice: " : ""}${PHASE_TEXTS[phase.name]}.`;
   return words.charAt(0).toUpperCase() + words.slice(1);

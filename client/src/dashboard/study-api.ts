@@ -1,4 +1,4 @@
-import type { Input } from "../generated/messages";
+import type { InputProfileMessage } from "../generated/messages";
 
 /** The overview row of a participant. */
 export interface ParticipantSummary {
@@ -122,7 +122,7 @@ export interface SafetyEvent {
 }
 
 /** An input profile; see `recording/input_profile.py`. */
-export type InputProfile = Omit<Input, "type">;
+export type InputProfile = Omit<InputProfileMessage, "type">;
 
 /** A session. `minutes`: time in VR. */
 export interface SessionSummary {

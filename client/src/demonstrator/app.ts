@@ -10,14 +10,14 @@ import { World } from "../scene/world";
 import { Connection, type Link } from "../session/connection";
 import { linkText } from "../session/display-state";
 import { statusTexts } from "../session/session-status";
-import { StateDecoder, type State } from "../session/state-decoder";
+import { StateDecoder, type WorldState } from "../session/state-decoder";
 import { vrUnavailableReason, XRSessionManager } from "../session/xr-session";
 import { BACKLOG_LIMIT_BYTES, Reader, Throttle, type Poses } from "../tracking/pose-reader";
 import { ControlReader, episodeButton, ForceHaptics, steerMessage, type Controls } from "./steering";
 import { CameraPicture } from "./camera-picture";
 import { countText, stageText } from "./progress-texts";
 import { Viewpoint } from "./viewpoint";
-import type { DemonstrationButton, DemonstrationProgress, Scene, ServerMessage, Status } from "../generated/messages";
+import type { DemonstrationButton, DemonstrationProgress, Scene, ServerMessage, SessionStatus } from "../generated/messages";
 
 const MARKER_RADIUS_M = 0.02;
 const IDLE_COLOUR = 0xffffff;
@@ -30,7 +30,7 @@ export class DemonstratorApp {
   readonly world = new World();
   readonly viewpoint = new Viewpoint(this.world.root);
   framesDrawn = 0;
-  lastState: State | null = null;
+  lastState: WorldState | null = null;
   progress: DemonstrationProgress | null = null;
   /** The address of the scene that is loaded; an episode cannot start before its end. */
   private loading: string | null = null;
@@ -109,7 +109,7 @@ export class DemonstratorApp {
     if (message.type === "problem") this.onProblem(message.message);
   }
 
-  private onState(state: State): void {
+  private onState(state: WorldState): void {
     if (this.world.push(state)) this.lastState = state;
   }
 
@@ -129,7 +129,7 @@ export class DemonstratorApp {
     }
   }
 
-  private onStatus(status: Status): void {
+  private onStatus(status: SessionStatus): void {
     this.operated = status.operated;
     this.driving.onStatus(status);
     const texts = statusTexts(status);

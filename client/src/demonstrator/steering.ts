@@ -1,4 +1,4 @@
-import type { DemonstrationButton, Steer, XRPose } from "../generated/messages";
+import type { DemonstrationButton, ControllerPoseCommand, XRPose } from "../generated/messages";
 import { findSource, type Poses } from "../tracking/pose-reader";
 
 export type Hand = "left" | "right";
@@ -57,7 +57,7 @@ export class ControlReader {
 }
 
 /** The message of one XR frame. */
-export function steerMessage({ hand, clutch }: Controls, poses: Poses, xrFromWorld: XRPose, scale: number): Steer {
+export function steerMessage({ hand, clutch }: Controls, poses: Poses, xrFromWorld: XRPose, scale: number): ControllerPoseCommand {
   return { type: "steer", clutch, grip: poses[hand], xr_from_world: xrFromWorld, scale };
 }
 

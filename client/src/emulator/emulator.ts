@@ -7,7 +7,7 @@ import type { BodyPose } from "../body/body-solver";
 import { DEVICES, type EmulatedDevice } from "./emulated-devices";
 import { raisePalm } from "./emulated-hand";
 import { EmulatedPointer, turnTo } from "./emulated-pointer";
-import type { Phase, Question, XRPose } from "../generated/messages";
+import type { PhaseDescription, Question, XRPose } from "../generated/messages";
 import { poseOf, type Poses } from "../tracking/pose-reader";
 import tickerUrl from "./timer-worker?worker&url";
 
@@ -51,13 +51,13 @@ export interface EmulatorControls {
   stop(): { method: string; progress: number; sign: Triple | null };
   /** The visible buttons on the panel, of a question or of the body choice; without a panel, the command icons. */
   buttons(): EmulatedButton[];
-  phase(): Phase | null;
+  phase(): PhaseDescription | null;
   question(): Question | null;
   /** The value of the highlighted target, and the number of the offered ones. */
   highlighted(): number | null;
   offer(): number;
-  /** Phase and question in one call. */
-  phaseAndQuestion(): [Phase | null, Question | null];
+  /** PhaseDescription and question in one call. */
+  phaseAndQuestion(): [PhaseDescription | null, Question | null];
   statesReceived(): number;
   lastState(): {
     sequence: number;

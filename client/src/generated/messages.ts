@@ -20,9 +20,9 @@ export type InputMethod = "controllers" | "experimenter" | "hands" | "head" | "l
 
 export type StopInput = "buttons" | "experimenter" | "gaze" | "palm" | "switch";
 
-export type ClientSource = "button" | "dwell" | "key" | "switch";
+export type ClientCommandSource = "button" | "dwell" | "key" | "switch";
 
-export type OtherPersonSource = "caregiver" | "experimenter";
+export type OtherPersonCommandSource = "caregiver" | "experimenter";
 
 export type RobotCommandName = "again" | "closer" | "farther" | "faster" | "other_side" | "ready" | "slower" | "stop" | "wait";
 
@@ -42,7 +42,7 @@ export type Vector3 = [number, number, number];
 
 export type Quaternion = [number, number, number, number];
 
-export type SignedShares = [number, number, number];
+export type NormalizedVector = [number, number, number];
 
 export type Modality = "controller" | "hand" | "mouse" | "none";
 
@@ -50,7 +50,7 @@ export type StopMethod = "button" | "gaze" | "key" | "page" | "palm" | "select" 
 
 export type Visibility = "context-lost" | "hidden" | "visible" | "visible-blurred";
 
-export type CommandName = "break" | "continue" | "end" | "pause" | "recalibrate" | "repeat" | "skip" | "stop";
+export type ExperimenterCommandName = "break" | "continue" | "end" | "pause" | "recalibrate" | "repeat" | "skip" | "stop";
 
 export type OperatorRole = "demonstrator" | "operator";
 
@@ -62,10 +62,10 @@ export type DemonstrationStage = "finished" | "preparing" | "ready" | "running";
 
 export type Role = "caregiver" | "demonstrator" | "experimenter" | "participant" | "spectator";
 
-export const PHASES_WHERE: Record<"moves" | "can_be_stopped" | "awaits_ready" | "can_choose_body", readonly PhaseName[]> = {
-  moves: ["headset_check", "headset_stop", "free_before", "countdown", "trial", "retreat", "free_after"],
+export const PHASES_WHERE: Record<"has_motion" | "can_be_stopped" | "awaits_confirmation" | "can_choose_body", readonly PhaseName[]> = {
+  has_motion: ["headset_check", "headset_stop", "free_before", "countdown", "trial", "retreat", "free_after"],
   can_be_stopped: ["headset_stop", "free_before", "countdown", "trial", "retreat"],
-  awaits_ready: ["headset", "calibration", "reach", "check", "ready", "confirm", "break", "paused"],
+  awaits_confirmation: ["headset", "calibration", "reach", "check", "ready", "confirm", "break", "paused"],
   can_choose_body: ["waiting", "calibration", "check", "ready", "break", "paused"],
 };
 
@@ -109,7 +109,7 @@ export interface CommandLabel {
 }
 
 /** A button or another object that the participant can select: its value and its label. */
-export interface Target {
+export interface SelectionTarget {
   value: number;
   label: string;
 }
@@ -121,7 +121,7 @@ export interface Target {
  *
  * Raises:
  *     ValueError: for a value out of range. */
-export interface Presentation {
+export interface PresentationPreferences {
   text_deg: number;
   panel_distance_m: number;
   contrast: Contrast;
@@ -144,7 +144,7 @@ export interface Hello {
  *
  * `left` and `right` are grip poses of controllers, or wrist poses of bare hands, depending on the modality.
  * `None`: not tracked. */
-export interface Tracking {
+export interface TrackingFrameMessage {
   type: "tracking";
   sequence: number;
   client_time_ms: number;
@@ -157,23 +157,23 @@ export interface Tracking {
 
 /** Acknowledges states; sent after every `STATES_PER_RECEIPT` states. `num_states`: number of all received
  * states. */
-export interface Receipt {
+export interface StateReceipt {
   type: "receipt";
   states: number;
 }
 
 /** The participant entered VR. */
-export interface Entered {
+export interface VrEntered {
   type: "entered";
 }
 
 /** The participant left VR. The connection may remain open. */
-export interface Left {
+export interface VrLeft {
   type: "left";
 }
 
 /** The participant pressed the trigger to confirm, in a phase that waits for this. */
-export interface Ready {
+export interface ParticipantReady {
   type: "ready";
 }
 
@@ -195,7 +195,7 @@ export interface Stop {
 export interface RobotCommand {
   type: "robot_command";
   name: RobotCommandName;
-  source: ClientSource;
+  source: ClientCommandSource;
   client_time_ms: number;
 }
 
@@ -206,17 +206,17 @@ export interface VisibilityChanged {
 }
 
 /** The participant requests a new calibration, because the virtual body or seat does not fit. */
-export interface Recalibrate {
+export interface RecalibrationRequest {
   type: "recalibrate";
 }
 
 /** The participant requests a break before the next trial. */
-export interface RequestBreak {
+export interface BreakRequest {
   type: "request_break";
 }
 
 /** The participant requests the questions about preferences for the robot, before the next trial. */
-export interface ChangePreferences {
+export interface PreferenceChangeRequest {
   type: "change_preferences";
 }
 
@@ -234,12 +234,12 @@ export interface Answer {
 }
 
 /** The participant requests the previous question, to change the answer. */
-export interface Back {
+export interface PreviousQuestionRequest {
   type: "back";
 }
 
 /** The participant's choice of a body model. A change of the sex requires a new calibration. */
-export interface ChooseBody {
+export interface BodyChoice {
   type: "choose_body";
   sex: Sex;
   skin_tone: string;
@@ -248,10 +248,10 @@ export interface ChooseBody {
 /** The targets that the participant can select now. The experimenter may select a target for the participant.
  *
  * `offer_number` increases with each offer. An offer without targets ends the previous offer. */
-export interface Offered {
+export interface OfferedTargets {
   type: "offered";
   number: number;
-  targets: Target[];
+  targets: SelectionTarget[];
 }
 
 /** Latencies of the frames of the last second, from tracking to display. */
@@ -270,7 +270,7 @@ export interface Latency {
  *
  * `device`: the browser's user agent. `profiles`: input profiles of the controllers. `display_hz`: refresh rate
  * of the display, if known. */
-export interface HeadsetFrames {
+export interface FrameIntervals {
   type: "headset_frames";
   device: string;
   emulated: boolean;
@@ -279,7 +279,7 @@ export interface HeadsetFrames {
   intervals_ms: number[];
 }
 
-export type ClientMessage = Hello | Tracking | Receipt | Entered | Left | Ready | SceneLoaded | Stop | RobotCommand | VisibilityChanged | Recalibrate | RequestBreak | ChangePreferences | OriginReset | Answer | Back | ChooseBody | Offered | Latency | HeadsetFrames;
+export type ParticipantMessage = Hello | TrackingFrameMessage | StateReceipt | VrEntered | VrLeft | ParticipantReady | SceneLoaded | Stop | RobotCommand | VisibilityChanged | RecalibrationRequest | BreakRequest | PreferenceChangeRequest | OriginReset | Answer | PreviousQuestionRequest | BodyChoice | OfferedTargets | Latency | FrameIntervals;
 
 /** A command of the experimenter.
  *
@@ -287,33 +287,33 @@ export type ClientMessage = Hello | Tracking | Receipt | Entered | Left | Ready 
  * start no trial before `continue`. `repeat`: a new attempt at the trial. `skip`: go to the next
  * trial. `end`: end the session. `recalibrate`: calibrate the participant again. `break`: a break before
  * the next trial. */
-export interface Command {
+export interface ExperimenterCommand {
   type: "command";
-  name: CommandName;
+  name: ExperimenterCommandName;
 }
 
 /** The participant's torso height as the experimenter measured it. The body is rebuilt with this height. */
-export interface CorrectTorsoHeight {
+export interface TorsoHeightCorrection {
   type: "correct_torso_height";
   torso_height_m: number;
 }
 
-/** The experimenter's choice of the participant's body model, as `ChooseBody`. */
-export interface ChooseParticipantBody {
+/** The experimenter's choice of the participant's body model, as `BodyChoice`. */
+export interface ParticipantBodyChoice {
   type: "choose_body";
   sex: Sex;
   skin_tone: string;
 }
 
 /** The experimenter selects a target for the participant. */
-export interface Press {
+export interface TargetSelectionRequest {
   type: "press";
   number: number;
   value: number;
 }
 
 /** The tracked controller touches a point of the real seat or mattress. The points are front, rear and top. */
-export interface MarkPoint {
+export interface FurniturePointMark {
   type: "mark_point";
   point: FurniturePoint;
 }
@@ -323,11 +323,11 @@ export interface MarkPoint {
  * The components are shares of the maximum speeds. `linear`: forward, left and up in the participant's frame;
  * `angular`: about these axes. The robot holds still when the operator disengages or sends no commands. `source`
  * is the sender. */
-export interface Drive {
+export interface VelocityCommand {
   type: "drive";
   engaged: boolean;
-  linear: SignedShares;
-  angular: SignedShares;
+  linear: NormalizedVector;
+  angular: NormalizedVector;
   source: OperatorRole;
 }
 
@@ -335,7 +335,7 @@ export interface Drive {
  *
  * `grip`: pose of the grip in the demonstrator's `local-floor` space; `None`: not tracked. `xr_from_world`:
  * pose of the world in this space. `scale`: translation of the tool divided by the translation of the controller. */
-export interface Steer {
+export interface ControllerPoseCommand {
   type: "steer";
   clutch: boolean;
   grip: XRPose | null;
@@ -344,26 +344,26 @@ export interface Steer {
 }
 
 /** A pressed button in a demonstration session: it starts an episode, ends it as a success, or discards it. */
-export interface Demonstrate {
+export interface DemonstrationCommand {
   type: "demonstrate";
   button: DemonstrationButton;
 }
 
 /** A command of the caregiver or the experimenter to the robot, as `RobotCommand`. */
-export interface WatcherRobotCommand {
+export interface OtherPersonRobotCommand {
   type: "robot_command";
   name: RobotCommandName;
-  source: OtherPersonSource;
+  source: OtherPersonCommandSource;
   client_time_ms: number;
 }
 
 /** A watcher's page displays the scene with this address. The environment viewer waits for this; sessions do not. */
-export interface SceneWatched {
+export interface WatcherSceneLoaded {
   type: "scene_watched";
   url: string;
 }
 
-export type ExperimenterMessage = Hello | Receipt | Command | CorrectTorsoHeight | ChooseParticipantBody | Press | MarkPoint | Drive | Steer | Demonstrate | WatcherRobotCommand | SceneWatched;
+export type WatcherMessage = Hello | StateReceipt | ExperimenterCommand | TorsoHeightCorrection | ParticipantBodyChoice | TargetSelectionRequest | FurniturePointMark | VelocityCommand | ControllerPoseCommand | DemonstrationCommand | OtherPersonRobotCommand | WatcherSceneLoaded;
 
 /** The server accepts the connection in a role. `haptics`, `sounds`: whether the session plan enables this
  * feedback. */
@@ -385,7 +385,7 @@ export interface Language {
 }
 
 /** The participant's body model, and the available skin tones: names and RGB values in [0, 1]. */
-export interface Body {
+export interface ParticipantBody {
   type: "body";
   sex: Sex;
   skin_tone: string;
@@ -394,7 +394,7 @@ export interface Body {
 }
 
 /** The participant's input profile, with the stop methods. */
-export interface Input {
+export interface InputProfileMessage {
   type: "input";
   method: InputMethod;
   dwell_s: number;
@@ -403,19 +403,19 @@ export interface Input {
   resting_arms: Side[];
   absent_arms: Side[];
   stops: StopInput[] | null;
-  presentation: Presentation;
+  presentation: PresentationPreferences;
 }
 
 /** The targets that the participant can select now, for experimenters. */
-export interface Targets {
+export interface ParticipantTargets {
   type: "targets";
   number: number;
-  targets: Target[];
+  targets: SelectionTarget[];
 }
 
 /** The experimenter selected a target. The participant's client ignores this message if the offer is no longer
  * valid. */
-export interface Pressed {
+export interface TargetSelected {
   type: "pressed";
   number: number;
   value: number;
@@ -445,14 +445,14 @@ export interface Scene {
 /** Commands the client to move the world linearly to another pose in `local-floor`, in a given time.
  *
  * The server sends this message when a participant has slid on the seat. */
-export interface Placed {
+export interface WorldMotion {
   type: "placed";
   xr_from_world: XRPose;
   seconds: number;
 }
 
 /** The address of the next scene, which the client may fetch in advance. */
-export interface Upcoming {
+export interface NextScene {
   type: "upcoming";
   url: string;
 }
@@ -461,7 +461,7 @@ export interface Upcoming {
  *
  * `received_s`: the frame was received. `simulated_s`: the first state that includes it was computed. `sent_s`:
  * this state was sent. This state is the next message. */
-export interface Passed {
+export interface TrackingFrameTimes {
   type: "passed";
   tracking_sequence: number;
   received_s: number;
@@ -480,7 +480,7 @@ export interface Passed {
  * mark. Positions have steps of 0.1 mm, quaternions of 5e-5. Unchanged rows are omitted. Each row begins with the
  * number of omitted rows before it. Its differences follow in zigzag encoding. All numbers are varints of Protocol
  * Buffers. */
-export interface StateChange {
+export interface WorldStateChange {
   type: "state";
   sequence: number;
   simulation_time_s: number;
@@ -496,7 +496,7 @@ export interface StateChange {
  * `text` is for VR with a trigger. `texts_by_input`: texts for other input methods. `page_text`: text for the
  * page without a headset. `key`: the key of the text. `preferences`: whether the participant may change their
  * preferences for the robot now. */
-export interface Phase {
+export interface PhaseDescription {
   type: "phase";
   name: PhaseName;
   text: string;
@@ -547,10 +547,10 @@ export interface Problem {
  * `sources`: the allowed sources. `mode`: the mode of the pacing layer, see `avrgym.safety.pacing`; empty
  * without the layer. `speed_factor`: factor of the policy's speed. `distance_m`: distance at which the robot
  * waits. */
-export interface RobotCommands {
+export interface AvailableRobotCommands {
   type: "robot_commands";
   commands: CommandLabel[];
-  sources: ("gaze" | "nod" | "shake" | ClientSource | OtherPersonSource)[];
+  sources: ("gaze" | "nod" | "shake" | ClientCommandSource | OtherPersonCommandSource)[];
   mode: string;
   speed_factor: number;
   distance_m: number;
@@ -560,7 +560,7 @@ export interface RobotCommands {
  *
  * `left_touched`, `right_touched`: whether robot or tool touch this arm or hand. `events`: the number of task
  * successes in this step: bites or drops in the mouth, wiped targets, or scratches. */
-export interface Feedback {
+export interface HapticAndAudioFeedback {
   type: "feedback";
   left_touched: boolean;
   right_touched: boolean;
@@ -584,7 +584,7 @@ export interface Feedback {
  * latencies from tracking to display, in total (`total_ms`) and by stage. `streams`: streams of other devices.
  * `headset_s`: the participant's time in VR. `headset_limit_s`: the maximum time in VR. `break_is_due`: a break
  * follows before the next trial. */
-export interface Status {
+export interface SessionStatus {
   type: "status";
   phase: PhaseName;
   trial: number;
@@ -620,7 +620,7 @@ export interface Status {
 }
 
 /** Durations of the ticks of the last second, for watchers, and the number of skipped ticks since the start. */
-export interface Timing {
+export interface TickTiming {
   type: "timing";
   tick_ms_median: number;
   tick_ms_max: number;
@@ -651,4 +651,4 @@ export interface DemonstrationProgress {
   policy: string;
 }
 
-export type ServerMessage = Welcome | Language | Body | Input | Targets | Pressed | Scene | Placed | Upcoming | Passed | StateChange | Phase | Question | Problem | RobotCommands | Feedback | Status | Timing | ToolForce | DemonstrationProgress;
+export type ServerMessage = Welcome | Language | ParticipantBody | InputProfileMessage | ParticipantTargets | TargetSelected | Scene | WorldMotion | NextScene | TrackingFrameTimes | WorldStateChange | PhaseDescription | Question | Problem | AvailableRobotCommands | HapticAndAudioFeedback | SessionStatus | TickTiming | ToolForce | DemonstrationProgress;

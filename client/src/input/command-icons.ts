@@ -2,7 +2,7 @@ import { Group, Quaternion, Vector3 } from "three";
 import { CanvasPlane } from "../panel/canvas-plane";
 import { paintCommand } from "../panel/paint-panel";
 import { findFreePlace, upOfView } from "../panel/panel-placement";
-import type { CommandLabel, Presentation, Target } from "../generated/messages";
+import type { CommandLabel, PresentationPreferences, SelectionTarget } from "../generated/messages";
 import { PRESENTATION } from "./input-profile";
 
 /** Value of the first icon as a target. Buttons of the panel have smaller values. */
@@ -37,7 +37,7 @@ export class CommandIcons {
   }
 
   /** Shows an icon for each command; none hide them. */
-  show(commands: readonly CommandLabel[], { contrast, text_deg }: Presentation): void {
+  show(commands: readonly CommandLabel[], { contrast, text_deg }: PresentationPreferences): void {
     const key = JSON.stringify([commands, contrast, text_deg]);
     if (key === this.key) return;
     this.key = key;
@@ -56,7 +56,7 @@ export class CommandIcons {
   }
 
   /** The icons as targets. */
-  get targets(): Target[] {
+  get targets(): SelectionTarget[] {
     return this.icons.map(({ command }, at) => ({ value: FIRST_ICON + at, label: command.label }));
   }
 
@@ -74,7 +74,7 @@ export class CommandIcons {
     viewer: XRViewerPose | undefined,
     robot: Vector3 | null,
     surfacePoints: (eyes: Vector3) => Float32Array,
-    { position }: Presentation,
+    { position }: PresentationPreferences,
     reclineRad = 0,
   ): void {
     if (this.placed || this.icons.length === 0 || !viewer) return;
@@ -135,7 +135,7 @@ class Icon {
 
   constructor(
     readonly command: CommandLabel,
-    private readonly contrast: Presentation["contrast"],
+    private readonly contrast: PresentationPreferences["contrast"],
   ) {
     this.plane.mesh.visible = true;
     this.plane.mesh.material.depthTest = false;

@@ -26,7 +26,7 @@ export function inputKindOf(sources: Iterable<XRInputSource>): InputKind | null 
 /**
  * The text for a kind of input; default: that for a trigger.
  *
- * Input profiles get the text of the page if the text depends on the input, but has no variant for them.
+ * InputProfileMessage profiles get the text of the page if the text depends on the input, but has no variant for them.
  */
 export function textFor(input: InputKind, text: string, byInput: Readonly<Record<string, string>>, pageText = ""): string {
   const depends = Object.keys(byInput).length > 0;

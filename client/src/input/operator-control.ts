@@ -1,4 +1,4 @@
-import type { Drive, OperatorRole, Status } from "../generated/messages";
+import type { VelocityCommand, OperatorRole, SessionStatus } from "../generated/messages";
 
 const EVERY_MS = 50;
 const DEAD_ZONE = 0.15;
@@ -36,24 +36,24 @@ const BUTTONS: [button: number, ...Axis][] = [
 ];
 const SHOULDERS = [4, 5];
 
-const RELEASED: Drive = { type: "drive", engaged: false, linear: [0, 0, 0], angular: [0, 0, 0], source: "operator" };
+const RELEASED: VelocityCommand = { type: "drive", engaged: false, linear: [0, 0, 0], angular: [0, 0, 0], source: "operator" };
 
 /** The velocity command of pressed keys. */
-export function keyboardCommand(held: ReadonlySet<string>): Drive {
+export function keyboardCommand(held: ReadonlySet<string>): VelocityCommand {
   const command = structuredClone(RELEASED);
   for (const key of held) add(command, KEYS[key], 1);
   return { ...command, engaged: held.has(ENABLING_KEY) };
 }
 
 /** The velocity command of a gamepad: sticks and triggers, enabled by a shoulder button. */
-export function gamepadCommand({ axes, buttons }: Pick<Gamepad, "axes" | "buttons">): Drive {
+export function gamepadCommand({ axes, buttons }: Pick<Gamepad, "axes" | "buttons">): VelocityCommand {
   const command = structuredClone(RELEASED);
   for (const [stick, ...axis] of STICKS) add(command, axis, beyondDeadZone(axes[stick] ?? 0));
   for (const [button, ...axis] of BUTTONS) add(command, axis, buttons[button]?.value ?? 0);
   return { ...command, engaged: SHOULDERS.some((button) => buttons[button]?.pressed) };
 }
 
-function add(command: Drive, axis: Axis | undefined, amount: number): void {
+function add(command: VelocityCommand, axis: Axis | undefined, amount: number): void {
   if (!axis) return;
   const [vector, index, sign] = axis;
   command[vector][index] = Math.max(-1, Math.min(1, command[vector][index] + sign * amount));
@@ -63,9 +63,9 @@ function beyondDeadZone(value: number): number {
   return (Math.sign(value) * Math.max(0, Math.abs(value) - DEAD_ZONE)) / (1 - DEAD_ZONE);
 }
 
-const DRIVEN_IN: Status["phase"][] = ["trial", "viewing"];
+const DRIVEN_IN: SessionStatus["phase"][] = ["trial", "viewing"];
 
-export function drivingText(status: Status): string {
+export function drivingText(status: SessionStatus): string {
   if (!DRIVEN_IN.includes(status.phase)) return "You drive in this trial. The robot holds still until it begins.";
   return status.idle ? "The robot holds still." : "You drive the robot.";
 }
@@ -83,7 +83,7 @@ export class OperatorControl {
   /** `panel` is shown in trials that the experimenter drives; its first child displays the status. */
   constructor(
     private readonly panel: HTMLElement,
-    private readonly send: (message: Drive) => void,
+    private readonly send: (message: VelocityCommand) => void,
     private readonly source: OperatorRole = "operator",
   ) {
     this.listen(window);
@@ -97,7 +97,7 @@ export class OperatorControl {
     window.addEventListener("blur", () => this.release());
   }
 
-  onStatus(status: Status): void {
+  onStatus(status: SessionStatus): void {
     this.operated = status.operated;
     this.panel.hidden = !status.operated;
     this.panel.firstElementChild!.textContent = drivingText(status);
@@ -135,7 +135,7 @@ export class OperatorControl {
     this.engaged = command.engaged;
   }
 
-  private command(): Drive {
+  private command(): VelocityCommand {
     const pads = navigator.getGamepads?.() ?? [];
     const commands = pads.filter((pad) => pad !== null).map(gamepadCommand);
     return [keyboardCommand(this.held), ...commands].find((command) => command.engaged) ?? RELEASED;

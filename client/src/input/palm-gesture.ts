@@ -1,7 +1,7 @@
 import { Vector3 } from "three";
 import type { Side } from "../body/body-solver";
 
-/** Joints of WebXR Hand Input: the wrist, and for each finger the joints from knuckle to tip. */
+/** Joints of WebXR Hand InputProfileMessage: the wrist, and for each finger the joints from knuckle to tip. */
 const WRIST = 0;
 const FINGERS = [
   [6, 7, 8, 9],

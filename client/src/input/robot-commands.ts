@@ -1,7 +1,7 @@
-import type { ClientMessage, ClientSource, CommandLabel, ExperimenterMessage, RobotCommands } from "../generated/messages";
+import type { ParticipantMessage, ClientCommandSource, CommandLabel, WatcherMessage, AvailableRobotCommands } from "../generated/messages";
 import { createElement } from "../page/dom";
 
-type Given = Extract<ClientMessage | ExperimenterMessage, { type: "robot_command" }>;
+type Given = Extract<ParticipantMessage | WatcherMessage, { type: "robot_command" }>;
 type Name = Given["name"];
 type Key = Pick<KeyboardEvent, "key" | "repeat" | "ctrlKey" | "altKey" | "metaKey">;
 
@@ -21,8 +21,8 @@ export function pressedButtons(gamepads: Iterable<Pick<Gamepad, "buttons"> | nul
 /** Commands to the robot by buttons, number keys and gamepad buttons, while the server offers commands. */
 export class RobotCommandInput {
   private offered: readonly CommandLabel[] = [];
-  private sources: RobotCommands["sources"] = [];
-  private buttonSource: Exclude<ClientSource, "key"> = "button";
+  private sources: AvailableRobotCommands["sources"] = [];
+  private buttonSource: Exclude<ClientCommandSource, "key"> = "button";
   private pressed = new Set<number>();
 
   /** `group`: element for the buttons. `watcher`: the source of every input on the page of another person. */
@@ -32,7 +32,7 @@ export class RobotCommandInput {
     private readonly watcher: "caregiver" | "experimenter" | null = null,
   ) {}
 
-  show({ commands, sources, mode }: RobotCommands): void {
+  show({ commands, sources, mode }: AvailableRobotCommands): void {
     if (commands.map(({ name }) => name).join() !== this.offered.map(({ name }) => name).join())
       this.group.replaceChildren(...commands.map((command, index) => this.button(command, index)));
     this.offered = commands;
@@ -42,13 +42,13 @@ export class RobotCommandInput {
   }
 
   /** The source of pressed buttons: `dwell` or `switch` for participants who select with these. */
-  press(source: Exclude<ClientSource, "key">): void {
+  press(source: Exclude<ClientCommandSource, "key">): void {
     this.buttonSource = source;
     this.showButtons();
   }
 
   /** The commands that a source may give now. */
-  offeredTo(source: ClientSource): readonly CommandLabel[] {
+  offeredTo(source: ClientCommandSource): readonly CommandLabel[] {
     return this.sources.includes(source) ? this.offered : [];
   }
 
@@ -88,7 +88,7 @@ export class RobotCommandInput {
     return button;
   }
 
-  give(name: Name, source: ClientSource): void {
+  give(name: Name, source: ClientCommandSource): void {
     const client_time_ms = performance.now();
     if (this.watcher) this.send({ type: "robot_command", name, source: this.watcher, client_time_ms });
     else this.send({ type: "robot_command", name, source, client_time_ms });

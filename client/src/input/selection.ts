@@ -1,4 +1,4 @@
-import type { Input, Offered, Press, Target } from "../generated/messages";
+import type { InputProfileMessage, OfferedTargets, TargetSelectionRequest, SelectionTarget } from "../generated/messages";
 import { Arrival } from "./arrival";
 import { Dwell } from "./dwell";
 import { CONTROLLERS, kindOfProfile, type Switch } from "./input-profile";
@@ -15,10 +15,10 @@ const REDUCED_STEPS = 4;
  * selected one.
  */
 export class Selection {
-  profile: Input = CONTROLLERS;
+  profile: InputProfileMessage = CONTROLLERS;
   /** Increases with each offer. */
   number = 0;
-  targets: readonly Target[] = [];
+  targets: readonly SelectionTarget[] = [];
   /** Whether the participant has moved the highlight by a switch since the targets appeared. */
   stepped = false;
   private key = "";
@@ -30,7 +30,7 @@ export class Selection {
   /** `select` acts on a target. `announce` sends an offer to the experimenter. */
   constructor(
     private readonly select: (value: number) => void,
-    private readonly announce: (offered: Offered) => void,
+    private readonly announce: (offered: OfferedTargets) => void,
   ) {}
 
   /** The highlighted target, or null. */
@@ -49,7 +49,7 @@ export class Selection {
   }
 
   /** Changes the profile; nothing that was begun with another one goes on. */
-  change(profile: Input, nowMs: number): void {
+  change(profile: InputProfileMessage, nowMs: number): void {
     if (JSON.stringify(profile) === JSON.stringify(this.profile)) return;
     this.profile = profile;
     this.dwell = new Dwell(1000 * profile.dwell_s);
@@ -58,7 +58,7 @@ export class Selection {
   }
 
   /** Offers targets. `key` identifies them: with the same key, a look or scan that has begun goes on. */
-  offer(targets: readonly Target[], key: string, nowMs: number): void {
+  offer(targets: readonly SelectionTarget[], key: string, nowMs: number): void {
     if (key === this.key) return;
     this.key = key;
     this.targets = targets;
@@ -112,7 +112,7 @@ export class Selection {
   }
 
   /** The experimenter selects a target of an offer; later offers make it invalid. */
-  pressRemotely({ number, value }: Pick<Press, "number" | "value">): void {
+  pressRemotely({ number, value }: Pick<TargetSelectionRequest, "number" | "value">): void {
     if (number === this.number && this.values.includes(value)) this.act(value);
   }
 

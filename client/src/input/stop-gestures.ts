@@ -1,6 +1,6 @@
 import { Vector3 } from "three";
 import type { TrackedHands } from "../body/bare-hands";
-import type { Input, StopMethod } from "../generated/messages";
+import type { InputProfileMessage, StopMethod } from "../generated/messages";
 import { isPalmRaised } from "./palm-gesture";
 import type { Key } from "../page/texts";
 import { CONTROLLERS, points, pointsWith, stopsBy } from "./input-profile";
@@ -61,11 +61,11 @@ export function menuIsDown(sources: Iterable<XRInputSource>): boolean {
 }
 
 /** The number of the held press, gesture or gaze; null: none. */
-type Press = number | null;
+type TargetSelectionRequest = number | null;
 
 /** A press, gesture or gaze that stops the robot when it has been held long enough. */
 class Hold {
-  private press: Press = null;
+  private press: TargetSelectionRequest = null;
   private sinceMs: number | null = null;
   private seenMs = -Infinity;
   private used = false;
@@ -78,7 +78,7 @@ class Hold {
   ) {}
 
   /** The share of its time that it has been held, 0 to 1; 1 is returned once per press. */
-  share(press: Press, possible: boolean, nowMs: number): number {
+  share(press: TargetSelectionRequest, possible: boolean, nowMs: number): number {
     const held = press !== null;
     if (held && press !== this.press) this.letGo();
     this.press = press ?? this.press;
@@ -115,7 +115,7 @@ export interface Seen {
 }
 
 /** The stop method that a profile determines; null: that of the device. */
-export function stopMethodOf(profile: Input): VrStopMethod | null {
+export function stopMethodOf(profile: InputProfileMessage): VrStopMethod | null {
   if (points(profile)) return null;
   return (["switch", "gaze"] as const).find((way) => stopsBy(profile, way)) ?? "experimenter";
 }
@@ -173,7 +173,7 @@ export class StopGestures {
     return this.method === "gaze" || stopsBy(this.profile, "gaze");
   }
 
-  private held({ eyes, gaze, hands, sign }: Seen, sources: XRInputSource[]): Record<HeldStopMethod, Press> {
+  private held({ eyes, gaze, hands, sign }: Seen, sources: XRInputSource[]): Record<HeldStopMethod, TargetSelectionRequest> {
     const triggers = sources.filter((source) => kindOf(source) === "trigger");
     const selects = pressesOf(triggers, this.selecting);
     const squeezes = pressesOf(triggers, this.squeezing);

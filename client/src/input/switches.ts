@@ -1,4 +1,4 @@
-import type { Input } from "../generated/messages";
+import type { InputProfileMessage } from "../generated/messages";
 import { switchOfButton, switchOfKey, type Switch } from "./input-profile";
 
 /** Listens to the participant's switches: keys, and buttons of gamepads. Repeated and held presses count once. */
@@ -6,7 +6,7 @@ export class Switches {
   private readonly held = new Set<string>();
 
   constructor(
-    private readonly profile: () => Input,
+    private readonly profile: () => InputProfileMessage,
     private readonly pressed: (which: Switch) => void,
   ) {
     window.addEventListener("keydown", (event) => this.onKey(event), { capture: true });

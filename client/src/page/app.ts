@@ -11,13 +11,13 @@ import {
   type DisplayState,
 } from "../session/display-state";
 import { Countdown } from "../session/countdown";
-import { FrameIntervals } from "../session/frame-intervals";
+import { FrameIntervalCollector } from "../session/frame-intervals";
 import { element, fetchBytes } from "./dom";
 import { DesktopControls } from "../input/desktop-controls";
 import { XRFrameHandler } from "../session/xr-frame";
 import type { Outgoing } from "../session/connection";
 import { LatencyMeter } from "../session/latency";
-import type { Body, Input, Phase, Scene, ServerMessage, StopMethod, Visibility, Welcome } from "../generated/messages";
+import type { ParticipantBody, InputProfileMessage, PhaseDescription, Scene, ServerMessage, StopMethod, Visibility, Welcome } from "../generated/messages";
 import { Notice } from "./notice";
 import { Page, isStopKey } from "./participant-page";
 import { CaptionPlane, Captions } from "../panel/caption";
@@ -33,7 +33,7 @@ import { SoundFiles } from "../session/sound-files";
 import { XRSessionManager, vrUnavailableReason } from "../session/xr-session";
 import { RobotCommandInput } from "../input/robot-commands";
 import { StopControl } from "../input/stop-control";
-import { StateDecoder, type State } from "../session/state-decoder";
+import { StateDecoder, type WorldState } from "../session/state-decoder";
 import type { Poses } from "../tracking/pose-reader";
 import { View, type Detail } from "../scene/view";
 import { Spectator } from "../session/spectator";
@@ -51,8 +51,8 @@ export class App {
   readonly xrFrames: XRFrameHandler;
   readonly stopControl = new StopControl();
   readonly choices: ParticipantChoices;
-  phase: Phase | null = null;
-  lastState: State | null = null;
+  phase: PhaseDescription | null = null;
+  lastState: WorldState | null = null;
   statesReceived = 0;
 
   private readonly page: Page;
@@ -64,7 +64,7 @@ export class App {
   readonly commandIcons = new CommandIcons();
   private readonly latency: LatencyMeter;
   private readonly states = new StateDecoder();
-  private readonly frameIntervals = new FrameIntervals();
+  private readonly frameIntervals = new FrameIntervalCollector();
   private readonly senses: Senses;
   private readonly readAloud = new ReadAloud(
     new SoundFiles(
@@ -79,7 +79,7 @@ export class App {
   private readonly robotPointer: RobotPointer;
   private welcome: Welcome | null = null;
   private lastPoses: Poses | null = null;
-  private body: Body | null = null;
+  private body: ParticipantBody | null = null;
   private link: Link = "connecting";
   private code = 0;
   private texts: Texts;
@@ -159,7 +159,7 @@ export class App {
     this.view.useCamera(inside && this.spectator ? this.spectator.eyes : null);
   }
 
-  /** Feedback that both the session plan and the participant enable. */
+  /** HapticAndAudioFeedback that both the session plan and the participant enable. */
   private allowedSenses(): { haptics: boolean; sounds: boolean } {
     const { haptics, sounds } = this.page.senses;
     return { haptics: haptics && !!this.welcome?.haptics, sounds: sounds && !!this.welcome?.sounds };
@@ -277,7 +277,7 @@ export class App {
     void fetchBytes(url, this.token).catch(() => undefined);
   }
 
-  private onState(state: State): void {
+  private onState(state: WorldState): void {
     const nowMs = performance.now();
     this.statesReceived++;
     if (this.world.push(state)) this.lastState = state;
@@ -301,13 +301,13 @@ export class App {
     }
   }
 
-  private onBody(body: Body): void {
+  private onBody(body: ParticipantBody): void {
     this.body = body;
     this.world.hands.colour(body);
   }
 
   /** Changes how the participant selects, stops, reads and hears. */
-  private onInput(input: Input): void {
+  private onInput(input: InputProfileMessage): void {
     this.world.absentArms = input.absent_arms;
     if (this.isSpectator) return;
     this.choices.changeProfile(input);
@@ -323,7 +323,7 @@ export class App {
     this.view.fit();
   }
 
-  private onPhase(phase: Phase): void {
+  private onPhase(phase: PhaseDescription): void {
     this.phase = this.choices.phase = phase;
     this.panel.review();
     this.page.setViewing(this.isViewing);

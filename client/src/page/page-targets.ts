@@ -1,4 +1,4 @@
-import type { Target } from "../generated/messages";
+import type { SelectionTarget } from "../generated/messages";
 import type { InputKind } from "../input/input-kind";
 import { element } from "./dom";
 
@@ -39,7 +39,7 @@ export class PageTargets {
   }
 
   /** The visible and enabled controls now. */
-  get offered(): Target[] {
+  get offered(): SelectionTarget[] {
     const all = document.querySelectorAll<HTMLButtonElement | HTMLSelectElement>(`#card :is(${CONTROLS}), #stop`);
     this.controls = [...all].filter(
       (each) => !each.matches(":disabled") && !each.closest(OTHERS) && each.getClientRects().length > 0,

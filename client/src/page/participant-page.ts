@@ -13,7 +13,7 @@ import {
 } from "../session/display-state";
 import { element } from "./dom";
 import { setUpCodeForm } from "./code-form";
-import type { Body, ChooseBody, Input, Phase, Presentation } from "../generated/messages";
+import type { ParticipantBody, BodyChoice, InputProfileMessage, PhaseDescription, PresentationPreferences } from "../generated/messages";
 import { AnswerScale } from "./answer-scale";
 import { PageTargets } from "./page-targets";
 import type { InputKind } from "../input/input-kind";
@@ -42,7 +42,7 @@ export interface PageEvents {
   stop(): void;
   back(): void;
   answer(value: number): void;
-  chooseBody(choice: ChooseBody): void;
+  chooseBody(choice: BodyChoice): void;
 }
 
 /** The texts and controls of the page. */
@@ -85,7 +85,7 @@ export class Page {
   }
 
   /** Shows how the participant selects without pointing. */
-  showInput({ stops }: Input, kind: InputKind): void {
+  showInput({ stops }: InputProfileMessage, kind: InputKind): void {
     this.targets.use(kind);
     const by = BY_INPUT[kind];
     const stop = stops?.includes("experimenter") ? this.texts.get("stop_by_experimenter") : "";
@@ -94,7 +94,7 @@ export class Page {
   }
 
   /** Changes font size, contrast and the card's side. */
-  present({ text_deg, contrast, position }: Presentation): void {
+  present({ text_deg, contrast, position }: PresentationPreferences): void {
     document.documentElement.style.fontSize = `${(TEXT_PX * text_deg) / PRESENTATION.text_deg}px`;
     const { classList } = document.body;
     classList.toggle("high-contrast", contrast === "high");
@@ -138,7 +138,7 @@ export class Page {
     document.body.classList.toggle("on-show", onShow);
   }
 
-  /** Feedback enabled by the participant. */
+  /** HapticAndAudioFeedback enabled by the participant. */
   get senses(): Allowed {
     const [haptics, sounds] = SENSES.map((sense) => element<HTMLInputElement>(sense).checked);
     return { haptics: haptics!, sounds: sounds! };
@@ -211,7 +211,7 @@ export class Page {
     next.find((each) => each && each.getClientRects().length > 0)?.focus();
   }
 
-  private showBody(body: Body | null, phase: Phase | null): void {
+  private showBody(body: ParticipantBody | null, phase: PhaseDescription | null): void {
     element("body").hidden = body === null;
     element<HTMLFieldSetElement>("body").disabled = !canChooseBody(phase);
     if (!body) return;
@@ -222,7 +222,7 @@ export class Page {
   }
 
   private chooseBody(): void {
-    const sex = this.sex.value as ChooseBody["sex"];
+    const sex = this.sex.value as BodyChoice["sex"];
     this.events.chooseBody({ type: "choose_body", sex, skin_tone: this.tone.value });
   }
 

@@ -1,4 +1,4 @@
-import { PHASES_WHERE, type Body, type ChooseBody, type Phase } from "../generated/messages";
+import { PHASES_WHERE, type ParticipantBody, type BodyChoice, type PhaseDescription } from "../generated/messages";
 import { layoutButtons, type Box, type Button } from "./questionnaire";
 import type { Key, Texts } from "../page/texts";
 
@@ -10,19 +10,19 @@ interface Choice {
   label: string;
   colour: string | null;
   chosen: boolean;
-  message: ChooseBody;
+  message: BodyChoice;
 }
 
 /** A button that chooses a body. */
 export interface BodyButton extends Button, Choice {}
 
 /** Whether the participant's body may be changed. */
-export function canChooseBody(phase: Phase | null): boolean {
+export function canChooseBody(phase: PhaseDescription | null): boolean {
   return phase !== null && PHASES_WHERE.can_choose_body.includes(phase.name);
 }
 
 /** Buttons of both sexes in the upper half of an area, of all skin tones in the lower half, with consecutive values. */
-export function layoutBodyButtons(body: Body, area: Box, texts: Texts): BodyButton[] {
+export function layoutBodyButtons(body: ParticipantBody, area: Box, texts: Texts): BodyButton[] {
   const height = area.height * 0.46;
   const tones = { ...area, y: area.y + area.height - height, height };
   const rows = [row(sexChoices(body, texts), { ...area, height }, 3), row(toneChoices(body, texts), tones, 1)].flat();
@@ -33,7 +33,7 @@ export function cssColour(rgb: readonly number[]): string {
   return `rgb(${rgb.map((share) => Math.round(255 * share)).join(" ")})`;
 }
 
-function sexChoices(body: Body, texts: Texts): Choice[] {
+function sexChoices(body: ParticipantBody, texts: Texts): Choice[] {
   return SEXES.map((sex) => ({
     name: texts.get(sex),
     label: texts.get(sex),
@@ -43,7 +43,7 @@ function sexChoices(body: Body, texts: Texts): Choice[] {
   }));
 }
 
-function toneChoices(body: Body, texts: Texts): Choice[] {
+function toneChoices(body: ParticipantBody, texts: Texts): Choice[] {
   return body.skin_tones.map((tone, at) => ({
     name: texts.get(tone as Key),
     label: "",

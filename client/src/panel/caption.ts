@@ -2,7 +2,7 @@ import { Quaternion, Vector3 } from "three";
 import { CanvasPlane } from "../panel/canvas-plane";
 import { paintCaption } from "../panel/paint-panel";
 import { PRESENTATION } from "../input/input-profile";
-import type { Presentation, XRPose } from "../generated/messages";
+import type { PresentationPreferences, XRPose } from "../generated/messages";
 
 /** Size of the canvas in pixels, and width in metres at the distance, so that the text has 1.5° as on the panel. */
 const WIDTH = 1200;
@@ -47,7 +47,7 @@ export class CaptionPlane {
   }
 
   /** Shows a caption; an empty text hides it. */
-  show(text: string, head: XRPose | null, { position, contrast, text_deg }: Presentation): void {
+  show(text: string, head: XRPose | null, { position, contrast, text_deg }: PresentationPreferences): void {
     this.mesh.visible = text !== "" && head !== null;
     if (!text || !head) return;
     if (this.painted !== contrast + text) this.plane.paint((context) => paintCaption(context, text, contrast, WIDTH, HEIGHT));

@@ -1,6 +1,6 @@
 import { layoutBodyButtons, type BodyButton } from "./body-choice";
 import type { PanelContent } from "../session/display-state";
-import type { Body, CommandLabel, Contrast, Question } from "../generated/messages";
+import type { ParticipantBody, CommandLabel, Contrast, Question } from "../generated/messages";
 import {
   isLine,
   labelOf,
@@ -104,7 +104,7 @@ let palette = NORMAL;
 
 type Context = CanvasRenderingContext2D;
 type Asking = PanelContent & { question: Question };
-type Choosing = PanelContent & { body: Body };
+type Choosing = PanelContent & { body: ParticipantBody };
 
 /** All buttons in the order of a scan. */
 export function buttonsOf(content: PanelContent | null): Button[] {

@@ -2,7 +2,7 @@ import { BufferGeometry, Mesh, MeshBasicMaterial, RingGeometry, Vector3 } from "
 import { CanvasPlane, OVERLAY_ORDER } from "./canvas-plane";
 import type { PanelContent } from "../session/display-state";
 import { findFreePlace, isFree, upOfView, type HalfSize, type PreferredPlace } from "./panel-placement";
-import type { ChooseBody, Presentation, Target } from "../generated/messages";
+import type { BodyChoice, PresentationPreferences, SelectionTarget } from "../generated/messages";
 import { PRESENTATION } from "../input/input-profile";
 import { HEIGHT, WIDTH, bodiesOf, buttonLabel, buttonsOf, paint } from "./paint-panel";
 import { hitButton, type Button } from "./questionnaire";
@@ -70,18 +70,18 @@ export class Panel {
   }
 
   /** The buttons as targets, in the order of a scan. */
-  get targets(): Target[] {
+  get targets(): SelectionTarget[] {
     const { content } = this;
     return content ? this.buttons.map(({ value }) => ({ value, label: buttonLabel(content, value) })) : [];
   }
 
   /** The body of the button with this value, or null. */
-  choice(value: number | null): ChooseBody | null {
+  choice(value: number | null): BodyChoice | null {
     return bodiesOf(this.content).find((button) => button.value === value)?.message ?? null;
   }
 
   /** Changes size, distance, position and contrast. */
-  present(presentation: Presentation): void {
+  present(presentation: PresentationPreferences): void {
     if (JSON.stringify(presentation) === JSON.stringify(this.presentation)) return;
     this.presentation = presentation;
     this.mesh.scale.setScalar(this.scale);

@@ -1,6 +1,6 @@
 import { Quaternion } from "three";
 import { Playback } from "./playback-clock";
-import type { State } from "../session/state-decoder";
+import type { WorldState } from "../session/state-decoder";
 
 /** Numbers per body: position x, y, z, orientation w, x, y, z. */
 export const POSE = 7;
@@ -30,7 +30,7 @@ export class StateBuffer {
   }
 
   /** Adds a state; returns false if it is old or does not match the scene. */
-  push(state: State): boolean {
+  push(state: WorldState): boolean {
     const newest = this.newest();
     if (state.poses.length !== this.bodies * POSE) return false;
     if (newest && state.sequence <= newest.sequence) return false;
@@ -77,7 +77,7 @@ export class StateBuffer {
     this.count = Math.min(this.count + 1, CAPACITY);
   }
 
-  private store(slot: Slot, state: State): void {
+  private store(slot: Slot, state: WorldState): void {
     slot.sequence = state.sequence;
     slot.timeS = state.simulation_time_s;
     slot.poses.set(state.poses);

@@ -6,10 +6,10 @@ import { POSE, StateBuffer } from "./state-interpolation";
 import { bodyPose } from "../body/body-pose";
 import { PERSON } from "../generated/body-model";
 import type { BodyPose, Pose, Side } from "../body/body-solver";
-import type { Placed, Scene, XRPose } from "../generated/messages";
+import type { WorldMotion, Scene, XRPose } from "../generated/messages";
 import { ParticipantBody } from "../body/participant-body";
 import { Hands } from "../tracking/modality-switch";
-import type { State } from "../session/state-decoder";
+import type { WorldState } from "../session/state-decoder";
 import { poseOf, type Poses } from "../tracking/pose-reader";
 
 /** A linear motion of the world in `local-floor`. */
@@ -66,14 +66,14 @@ export class World {
   }
 
   /** Moves the whole world linearly to another pose, or in one step with reduced motion. */
-  move({ xr_from_world: [to], seconds }: Placed, nowMs: number): void {
+  move({ xr_from_world: [to], seconds }: WorldMotion, nowMs: number): void {
     const from = this.root.position.clone();
     const lastsMs = this.reducedMotion ? 0 : 1000 * seconds;
     this.motion = { from, to: new Vector3(...to), beginsMs: nowMs, lastsMs };
   }
 
   /** Adds a state; returns false if it is old or of another scene. */
-  push(state: State): boolean {
+  push(state: WorldState): boolean {
     const taken = this.states?.push(state) ?? false;
     if (taken) this.own?.take(state);
     return taken;

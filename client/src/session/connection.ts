@@ -2,8 +2,8 @@ import { Decoder, Encoder } from "@msgpack/msgpack";
 import {
   PROTOCOL,
   STATES_PER_RECEIPT,
-  type ClientMessage,
-  type ExperimenterMessage,
+  type ParticipantMessage,
+  type WatcherMessage,
   type ServerMessage,
 } from "../generated/messages";
 
@@ -102,7 +102,7 @@ export class Connection {
   }
 }
 
-export type Outgoing = ClientMessage | ExperimenterMessage;
+export type Outgoing = ParticipantMessage | WatcherMessage;
 
 const encoder = new Encoder();
 const decoder = new Decoder();

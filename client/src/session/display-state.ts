@@ -1,5 +1,5 @@
 import type { Link } from "./connection";
-import { PHASES_WHERE, type Body, type Phase, type Question } from "../generated/messages";
+import { PHASES_WHERE, type ParticipantBody, type PhaseDescription, type Question } from "../generated/messages";
 import { textFor, type InputKind } from "../input/input-kind";
 import type { Key, Texts } from "../page/texts";
 import type { Segment } from "../panel/segments";
@@ -10,9 +10,9 @@ export interface DisplayState {
   link: Link;
   /** The closing code of the server, or 0. */
   code: number;
-  phase: Phase | null;
+  phase: PhaseDescription | null;
   /** The participant's body, for roles that may change it. */
-  body: Body | null;
+  body: ParticipantBody | null;
   question: Question | null;
   answered: number | null;
   problem: string | null;
@@ -33,7 +33,7 @@ export interface PanelContent {
   secondsLeft: number | null;
   question: Question | null;
   /** The present body, while it can be changed. */
-  body: Body | null;
+  body: ParticipantBody | null;
   answered: number | null;
   notice: string | null;
   /** Whether the participant must confirm their answers. */
@@ -107,19 +107,19 @@ export function spokenText(display: DisplayState): string {
 }
 
 /** The number of the trial; empty outside trials. */
-export function phaseLabel(phase: Phase | null, texts: Texts): string {
+export function phaseLabel(phase: PhaseDescription | null, texts: Texts): string {
   if (!phase || phase.trial < 1) return "";
   return phase.practice ? texts.get("practice") : texts.get("trial", { trial: phase.trial, trials: phase.trials });
 }
 
 /** The text of a phase; empty while the robot moves, so that nothing covers the view. */
-function phaseText(phase: Phase | null, input: InputKind): string {
+function phaseText(phase: PhaseDescription | null, input: InputKind): string {
   if (!phase || phase.name === "trial" || phase.name === "retreat") return "";
   return textFor(input, phase.text, phase.texts_by_input, phase.page_text);
 }
 
 /** Whether the participant must confirm their answers. */
-export function confirmsAnswers(phase: Phase | null): boolean {
+export function confirmsAnswers(phase: PhaseDescription | null): boolean {
   return phase?.name === "confirm";
 }
 
@@ -129,31 +129,31 @@ export function mayGoBack({ phase, question, segment }: Pick<DisplayState, "phas
 }
 
 /** Whether the session waits for a trigger press. */
-export function awaitsReady(phase: Phase | null): boolean {
-  return phase !== null && PHASES_WHERE.awaits_ready.includes(phase.name);
+export function awaitsReady(phase: PhaseDescription | null): boolean {
+  return phase !== null && PHASES_WHERE.awaits_confirmation.includes(phase.name);
 }
 
 /** Whether the participant may be calibrated again. */
-export function mayRecalibrate(phase: Phase | null): boolean {
+export function mayRecalibrate(phase: PhaseDescription | null): boolean {
   return phase?.name === "check";
 }
 
 /** Whether the page offers a break. */
-export function mayRest(phase: Phase | null): boolean {
+export function mayRest(phase: PhaseDescription | null): boolean {
   return phase?.name === "ready";
 }
 
 /** Whether the participant may change their preferences for the robot. */
-export function mayPrefer(phase: Phase | null): boolean {
+export function mayPrefer(phase: PhaseDescription | null): boolean {
   return phase?.preferences ?? false;
 }
 
 /** Whether a stop is possible now. */
-export function canBeStopped(phase: Phase | null): boolean {
+export function canBeStopped(phase: PhaseDescription | null): boolean {
   return phase !== null && PHASES_WHERE.can_be_stopped.includes(phase.name);
 }
 
 /** Whether person and robot may move, so the stop key must work. */
-export function isRunning(phase: Phase | null): boolean {
-  return phase !== null && PHASES_WHERE.moves.includes(phase.name);
+export function isRunning(phase: PhaseDescription | null): boolean {
+  return phase !== null && PHASES_WHERE.has_motion.includes(phase.name);
 }

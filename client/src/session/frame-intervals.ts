@@ -1,20 +1,20 @@
-import type { HeadsetFrames } from "../generated/messages";
+import type { FrameIntervals } from "../generated/messages";
 
 const SEND_INTERVAL_MS = 1000;
 /** Maximum number of intervals in a message. */
 const MAX_INTERVALS = 512;
 
 /** The properties of the device. */
-export type Headset = Pick<HeadsetFrames, "device" | "emulated" | "profiles" | "display_hz">;
+export type Headset = Pick<FrameIntervals, "device" | "emulated" | "profiles" | "display_hz">;
 
 /** Measures the intervals between frames during the headset check, for one message a second. */
-export class FrameIntervals {
+export class FrameIntervalCollector {
   private lastMs = NaN;
   private sentMs = 0;
   private intervalsMs: number[] = [];
 
   /** Notes a frame; returns the message of the last second when it is due. */
-  drawn(timeMs: number, headset: () => Headset): HeadsetFrames | null {
+  drawn(timeMs: number, headset: () => Headset): FrameIntervals | null {
     const intervalMs = timeMs - this.lastMs;
     this.lastMs = timeMs;
     if (!(intervalMs > 0)) {

@@ -1,4 +1,4 @@
-import type { Feedback } from "../generated/messages";
+import type { HapticAndAudioFeedback } from "../generated/messages";
 
 export type Hand = "left" | "right";
 
@@ -31,7 +31,7 @@ export class Senses {
     void this.audio.resume().catch(() => undefined);
   }
 
-  take(feedback: Feedback): void {
+  take(feedback: HapticAndAudioFeedback): void {
     const { haptics, sounds } = this.allowed();
     this.feel("left", feedback.left_touched, haptics);
     this.feel("right", feedback.right_touched, haptics);

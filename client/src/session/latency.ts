@@ -1,5 +1,5 @@
-import type { Latency, Passed } from "../generated/messages";
-import type { State } from "./state-decoder";
+import type { Latency, TrackingFrameTimes } from "../generated/messages";
+import type { WorldState } from "./state-decoder";
 import type { FrameTimes } from "../tracking/pose-reader";
 
 const SEND_INTERVAL_MS = 1000;
@@ -23,7 +23,7 @@ interface FrameJourney extends FrameTimes {
 
 /** Measures the latency from tracking to display by stage. */
 export class LatencyMeter {
-  private passed: Passed | null = null;
+  private passed: TrackingFrameTimes | null = null;
   private waiting: FrameJourney[] = [];
   private drawn: FrameJourney[] = [];
   private toldMs = 0;
@@ -33,11 +33,11 @@ export class LatencyMeter {
   constructor(private readonly times: (sequence: number) => FrameTimes | null) {}
 
   /** The next state is the first that includes this frame. */
-  announce(passed: Passed): void {
+  announce(passed: TrackingFrameTimes): void {
     this.passed = passed;
   }
 
-  onState({ tracking_sequence, simulation_time_s }: State, cameMs: number): void {
+  onState({ tracking_sequence, simulation_time_s }: WorldState, cameMs: number): void {
     const { passed } = this;
     this.passed = null;
     const times = passed?.tracking_sequence === tracking_sequence ? this.times(tracking_sequence) : null;

@@ -1,4 +1,4 @@
-import type { Input, Offered, Phase, Pressed, Question, Target } from "../generated/messages";
+import type { InputProfileMessage, OfferedTargets, PhaseDescription, TargetSelected, Question, SelectionTarget } from "../generated/messages";
 import { canBeStopped, awaitsReady, confirmsAnswers } from "./display-state";
 import type { Outgoing } from "./connection";
 import { kindOfProfile, points, stopsBy, switchOfHand, type Switch } from "../input/input-profile";
@@ -27,14 +27,14 @@ export class ParticipantChoices {
   readonly questionnaire = new Questionnaire();
   readonly selection = new Selection(
     (value) => this.select(value),
-    (offered: Offered) => this.events.send(offered),
+    (offered: OfferedTargets) => this.events.send(offered),
   );
   readonly switches: Switches;
   /** The chosen segment of a long scale. */
   segment: Segment | null = null;
   /** Whether the participant is in VR; otherwise the page offers the targets. */
   presenting = false;
-  phase: Phase | null = null;
+  phase: PhaseDescription | null = null;
 
   constructor(
     private readonly panel: Panel,
@@ -46,7 +46,7 @@ export class ParticipantChoices {
     );
   }
 
-  get profile(): Input {
+  get profile(): InputProfileMessage {
     return this.selection.profile;
   }
 
@@ -55,7 +55,7 @@ export class ParticipantChoices {
     return !points(this.profile);
   }
 
-  changeProfile(profile: Input): void {
+  changeProfile(profile: InputProfileMessage): void {
     this.selection.change(profile, performance.now());
     this.segment = null;
   }
@@ -72,7 +72,7 @@ export class ParticipantChoices {
   }
 
   /** Offers what panel or page show now. */
-  offer(targets: readonly Target[]): void {
+  offer(targets: readonly SelectionTarget[]): void {
     const { phase, questionnaire, segment } = this;
     const { question } = questionnaire;
     const shown = [this.presenting, phase?.name, phase?.text, phase?.trial, question?.number, question?.item, segment?.value];
@@ -92,7 +92,7 @@ export class ParticipantChoices {
     else if (awaitsReady(this.phase) && !confirmsAnswers(this.phase) && !this.questionnaire.question) this.select(GO_ON);
   }
 
-  pressRemotely(pressed: Pressed): void {
+  pressRemotely(pressed: TargetSelected): void {
     this.selection.pressRemotely(pressed);
   }
 

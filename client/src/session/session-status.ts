@@ -5,8 +5,8 @@ import {
   TICK_S,
   type TrackedBodyPart,
   type PhaseName,
-  type Status,
-  type Timing,
+  type SessionStatus,
+  type TickTiming,
   type Visibility,
 } from "../generated/messages";
 
@@ -47,7 +47,7 @@ export function skipText(phase: PhaseName): string {
 }
 
 /** Texts of the status by element id. */
-export function statusTexts(status: Status): Record<string, string> {
+export function statusTexts(status: SessionStatus): Record<string, string> {
   return {
     "watch-trial": `${status.trial} of ${status.trials}, attempt ${status.attempt || "–"}`,
     "watch-environment": status.environment.replace("avrgym/", ""),
@@ -66,26 +66,26 @@ export function statusTexts(status: Status): Record<string, string> {
 }
 
 /** Time in VR with its limit, in minutes. */
-function headsetText({ headset_s, headset_limit_s, break_is_due }: Status): string {
+function headsetText({ headset_s, headset_limit_s, break_is_due }: SessionStatus): string {
   const limit = headset_limit_s ? ` of ${Math.round(headset_limit_s / 60)}` : "";
   return `${Math.floor((headset_s ?? 0) / 60)}${limit} min${break_is_due ? "; a break follows" : ""}`;
 }
 
-function successText({ success, withdrawing }: Status): string {
+function successText({ success, withdrawing }: SessionStatus): string {
   return success ? `, success${withdrawing ? ", withdrawn" : ""}` : "";
 }
 
-function limitText({ force_region, force_share, retracting }: Status): string {
+function limitText({ force_region, force_share, retracting }: SessionStatus): string {
   const limit = FORCE_LIMITS_N[force_region];
   const bears = limit === undefined ? "no force" : `${(100 * force_share).toFixed(0)} % of ${limit} N, ${force_region.replaceAll("_", " ")}`;
   return `${bears}${retracting ? ": retracts" : ""}`;
 }
 
-function pauseText({ paused, pause_reason }: Status): string {
+function pauseText({ paused, pause_reason }: SessionStatus): string {
   return paused ? (pause_reason ? `; on hold: ${pause_reason}` : "; on hold") : "";
 }
 
-function trackingText(status: Status): string {
+function trackingText(status: SessionStatus): string {
   const { tracking_age_s, visibility, left_modality, right_modality } = status;
   if (visibility !== "visible") return `the participant does not see the scene: ${VISIBILITY_TEXTS[visibility]}`;
   if (tracking_age_s === null) return "none yet";
@@ -96,14 +96,14 @@ function trackingText(status: Status): string {
 
 const PART_TEXTS: Readonly<Record<TrackedBodyPart, string>> = { head: "head", left: "left hand", right: "right hand" };
 
-function untrackedText({ untracked_parts, needed_parts }: Status): string {
+function untrackedText({ untracked_parts, needed_parts }: SessionStatus): string {
   const words = (part: TrackedBodyPart) =>
     `; ${PART_TEXTS[part]} not tracked${needed_parts.includes(part) ? ": the task needs it" : ""}`;
   return untracked_parts.map(words).join("");
 }
 
 /** Median and 95th percentile of the total latency, then the medians of its stages. */
-function latencyText({ latency }: Status): string {
+function latencyText({ latency }: SessionStatus): string {
   const total = latency.find(({ stage }) => stage === "total_ms");
   if (!total) return "–";
   const words: Readonly<Record<string, string>> = STAGE_LABELS;
@@ -112,11 +112,11 @@ function latencyText({ latency }: Status): string {
   return `${total.p50.toFixed(0)} ms, 95 % within ${total.p95.toFixed(0)}: ${stages}`;
 }
 
-function streamText({ streams }: Status): string {
+function streamText({ streams }: SessionStatus): string {
   return streams.map(({ name, present }) => (present ? name : `${name} is missing`)).join(", ") || "–";
 }
 
-export function timingText({ tick_ms_median, tick_ms_max, missed_ticks }: Timing): string {
+export function timingText({ tick_ms_median, tick_ms_max, missed_ticks }: TickTiming): string {
   const late = tick_ms_median > 1000 * TICK_S ? "too slow: " : "";
   return `${late}${tick_ms_median.toFixed(1)} ms, at most ${tick_ms_max.toFixed(1)} ms; ${missed_ticks} missed`;
 }

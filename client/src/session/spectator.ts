@@ -2,14 +2,14 @@ import type { Object3D } from "three";
 import { OperatorControl } from "../input/operator-control";
 import { ParticipantCamera } from "../scene/participant-camera";
 import type {
-  CommandName,
-  ExperimenterMessage,
+  ExperimenterCommandName,
+  WatcherMessage,
   Scene,
-  Status,
-  Timing,
+  SessionStatus,
+  TickTiming,
   Welcome,
 } from "../generated/messages";
-import type { State } from "./state-decoder";
+import type { WorldState } from "./state-decoder";
 import { skipText, statusTexts, timingText } from "./session-status";
 
 function element<T extends HTMLElement>(id: string): T {
@@ -23,7 +23,7 @@ export class Spectator {
   private driving: OperatorControl | null = null;
 
   constructor(
-    private readonly send: (message: ExperimenterMessage) => void,
+    private readonly send: (message: WatcherMessage) => void,
     private readonly viewChanged: (firstPerson: boolean) => void,
   ) {
     element("watch").hidden = false;
@@ -33,7 +33,7 @@ export class Spectator {
     });
     for (const button of document.querySelectorAll<HTMLButtonElement>("[data-command]"))
       button.addEventListener("click", () =>
-        this.send({ type: "command", name: button.dataset["command"] as CommandName }),
+        this.send({ type: "command", name: button.dataset["command"] as ExperimenterCommandName }),
       );
     element<HTMLFormElement>("height-form").addEventListener("submit", (event) => this.correctHeight(event));
   }
@@ -53,7 +53,7 @@ export class Spectator {
     this.participant.onScene(scene);
   }
 
-  onStatus(status: Status): void {
+  onStatus(status: SessionStatus): void {
     this.driving?.onStatus(status);
     for (const [id, text] of Object.entries(statusTexts(status))) element(id).textContent = text;
     element("skip-word").textContent = skipText(status.phase);
@@ -61,12 +61,12 @@ export class Spectator {
     element("pause").textContent = status.paused ? "Continue" : "Pause";
   }
 
-  onTiming(timing: Timing): void {
+  onTiming(timing: TickTiming): void {
     element("watch-ticks").textContent = timingText(timing);
   }
 
   /** Moves the camera to the participant's eyes in the newest state. */
-  follow(state: State | null, root: Object3D): void {
+  follow(state: WorldState | null, root: Object3D): void {
     if (state) this.participant.follow(state.poses, root);
   }
 

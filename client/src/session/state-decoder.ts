@@ -1,8 +1,8 @@
-import { JOINT_STEPS, POSE_STEPS, type StateChange } from "../generated/messages";
+import { JOINT_STEPS, POSE_STEPS, type WorldStateChange } from "../generated/messages";
 
 /** The state of the world at one time; its arrays are reused for the next state. */
-export interface State extends Omit<StateChange, "type" | "joint_targets" | "poses"> {
-  /** Target angles of the person's joints, radians. */
+export interface WorldState extends Omit<WorldStateChange, "type" | "joint_targets" | "poses"> {
+  /** SelectionTarget angles of the person's joints, radians. */
   joint_targets: Float64Array;
   /** x, y, z, w, x, y, z of each body, then of each mark, in the world frame. */
   poses: Float32Array;
@@ -19,7 +19,7 @@ export class StateDecoder {
     this.poses = new DeltaRows(POSE_STEPS);
   }
 
-  decode({ sequence, simulation_time_s, tracking_sequence, deviating_parts, joint_targets, poses }: StateChange): State {
+  decode({ sequence, simulation_time_s, tracking_sequence, deviating_parts, joint_targets, poses }: WorldStateChange): WorldState {
     return {
       ...{ sequence, simulation_time_s, tracking_sequence, deviating_parts },
       joint_targets: this.targets.changedBy(joint_targets),

@@ -61,7 +61,7 @@ export class XRSessionManager {
     return this.session?.visibilityState ?? "hidden";
   }
 
-  /** Input profiles and refresh rate of the headset. */
+  /** InputProfileMessage profiles and refresh rate of the headset. */
   get hardware(): { profiles: string[]; display_hz: number | null } {
     const profiles = Array.from(this.session?.inputSources ?? [], ({ profiles: [first] }) => first ?? "");
     return { profiles: profiles.filter((profile) => profile).slice(0, 4), display_hz: this.session?.frameRate ?? null };

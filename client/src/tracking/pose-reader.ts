@@ -1,5 +1,5 @@
 import { JOINTS, type TrackedHands, type HandJoints } from "../body/bare-hands";
-import type { Modality, Tracking, XRPose } from "../generated/messages";
+import type { Modality, TrackingFrameMessage, XRPose } from "../generated/messages";
 
 export const HIGHEST_RATE_HZ = 90;
 /** Maximum backlog of bytes. Above it frames are skipped, so that the newest is never delayed by old ones. */
@@ -21,7 +21,7 @@ export class Throttle {
 }
 
 /** The poses of head and hands, and the modalities of the hands. */
-export type Poses = Omit<Tracking, "type" | "sequence" | "client_time_ms">;
+export type Poses = Omit<TrackingFrameMessage, "type" | "sequence" | "client_time_ms">;
 
 const UNTRACKED: Poses = { head: null, left: null, right: null, left_modality: "none", right_modality: "none" };
 
@@ -61,7 +61,7 @@ const HISTORY = 1024;
 
 /** Numbers the frames that are sent, and stores their times; reuses one message. */
 export class Numbering {
-  private readonly message: Tracking = { type: "tracking", sequence: -1, client_time_ms: 0, ...UNTRACKED };
+  private readonly message: TrackingFrameMessage = { type: "tracking", sequence: -1, client_time_ms: 0, ...UNTRACKED };
   private readonly readMs = new Float64Array(HISTORY);
   private readonly sentMs = new Float64Array(HISTORY);
 
@@ -71,7 +71,7 @@ export class Numbering {
   }
 
   /** The message of a frame that was read at `timeMs` and is sent at `sentMs`. */
-  next(poses: Poses, timeMs: number, sentMs = timeMs): Tracking {
+  next(poses: Poses, timeMs: number, sentMs = timeMs): TrackingFrameMessage {
     const { message } = this;
     Object.assign(message, poses);
     message.sequence++;
@@ -117,7 +117,7 @@ function noJoints(): HandJoints {
   return { matrices: new Float32Array(16 * JOINTS), radii: new Float32Array(JOINTS) };
 }
 
-/** Methods of WebXR Hand Input that the type definitions lack. */
+/** Methods of WebXR Hand InputProfileMessage that the type definitions lack. */
 interface FrameOfJoints extends XRFrame {
   fillPoses?(spaces: XRJointSpace[], base: XRReferenceSpace, matrices: Float32Array): boolean;
   fillJointRadii?(spaces: XRJointSpace[], radii: Float32Array): boolean;

@@ -7,7 +7,7 @@ import { POSE } from "../../src/scene/state-interpolation";
 import { bodyPose } from "../../src/body/body-pose";
 import type { Modality, TrackedBodyPart, Scene, XRPose } from "../../src/generated/messages";
 import { BLEND_MS, ParticipantBody } from "../../src/body/participant-body";
-import type { State } from "../../src/session/state-decoder";
+import type { WorldState } from "../../src/session/state-decoder";
 import { Hands } from "../../src/tracking/modality-switch";
 import { poseOf as xrPoseOf, type Poses } from "../../src/tracking/pose-reader";
 import examples from "../data/bodies.json";
@@ -65,8 +65,8 @@ function apart(a: Pose, b: Pose): { m: number; deg: number } {
   return { m, deg: (turn(a.q).angleTo(turn(b.q)) * 180) / Math.PI };
 }
 
-function state(targets: JointAngles, deviating: TrackedBodyPart[] = []): State {
-  return { joint_targets: targets, deviating_parts: deviating } as unknown as State;
+function state(targets: JointAngles, deviating: TrackedBodyPart[] = []): WorldState {
+  return { joint_targets: targets, deviating_parts: deviating } as unknown as WorldState;
 }
 
 /** A person who waves both arms and leans, at up to 1.5 m/s. */

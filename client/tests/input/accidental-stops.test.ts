@@ -28,12 +28,12 @@ const FORWARD = new Vector3(0, 0, -1);
 /** As long as a press is that means something else, milliseconds. */
 const LONGEST_PRESS_MS = 400;
 
-interface Placed {
+interface WorldMotion {
   place: Vector3;
   turn: Quaternion;
 }
 
-function poseAt(frame: readonly number[], part: 0 | 1 | 2): Placed {
+function poseAt(frame: readonly number[], part: 0 | 1 | 2): WorldMotion {
   const [x, y, z, ...q] = frame.slice(7 * part, 7 * part + 7).map((number) => number / 1000) as [number, number, number, ...number[]];
   return { place: new Vector3(x, y, z), turn: new Quaternion(...(q as [number, number, number, number])).normalize() };
 }
@@ -91,7 +91,7 @@ describe("by accident", () => {
 
   it.each([0, 0.2, 0.5])("no participant raises a palm, with an open hand that is turned by up to 40° about each axis; fingers bent by %f", (bent) => {
     const open = { left: handJoints("left", bent), right: handJoints("right", bent) };
-    const hand = (side: Side, { place, turn }: Placed, to: Quaternion) => placed(open[side], place, handTurn(side, turn).multiply(to));
+    const hand = (side: Side, { place, turn }: WorldMotion, to: Quaternion) => placed(open[side], place, handTurn(side, turn).multiply(to));
     const stops = TURNS.flatMap((to) =>
       MOTIONS.flatMap((motion) =>
         stopsIn(motion, [source({ hand: new Map() })], (frame) => ({

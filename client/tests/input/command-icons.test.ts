@@ -1,6 +1,6 @@
 import { Quaternion, Vector3 } from "three";
 import { beforeEach, describe, expect, it, vi } from "vitest";
-import type { CommandLabel, Input } from "../../src/generated/messages";
+import type { CommandLabel, InputProfileMessage } from "../../src/generated/messages";
 import { CommandIcons, FIRST_ICON } from "../../src/input/command-icons";
 import { CONTROLLERS, PRESENTATION, commandSource } from "../../src/input/input-profile";
 
@@ -76,6 +76,6 @@ describe("the source of a selected command", () => {
     ["controllers", ["buttons"], null],
     ["experimenter", ["gaze"], null],
   ] as const)("of %s with a stop by %s is %s", (method, stops, source) => {
-    expect(commandSource({ ...CONTROLLERS, method, stops: [...stops] } as Input)).toBe(source);
+    expect(commandSource({ ...CONTROLLERS, method, stops: [...stops] } as InputProfileMessage)).toBe(source);
   });
 });

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { drivingText, gamepadCommand, keyboardCommand } from "../../src/input/operator-control";
-import type { Status } from "../../src/generated/messages";
+import type { SessionStatus } from "../../src/generated/messages";
 
 const still = [0, 0, 0];
 
@@ -38,7 +38,7 @@ describe("the operator's gamepad", () => {
 });
 
 describe("the words beside the keys", () => {
-  const words = (phase: Status["phase"], idle: boolean) => drivingText({ phase, idle } as Status);
+  const words = (phase: SessionStatus["phase"], idle: boolean) => drivingText({ phase, idle } as SessionStatus);
 
   it("say who moves the robot, in a trial and where an environment is viewed", () => {
     for (const phase of ["trial", "viewing"] as const) {

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { RobotCommandInput, commandOfKey } from "../../src/input/robot-commands";
-import type { CommandLabel, RobotCommands } from "../../src/generated/messages";
+import type { CommandLabel, AvailableRobotCommands } from "../../src/generated/messages";
 
 const COMMANDS: CommandLabel[] = [
   { name: "ready", label: "Bereit" },
@@ -18,7 +18,7 @@ function input(sent: string[], offered: CommandLabel[]): RobotCommandInput {
   const commands = new RobotCommandInput(group, ({ name, source }) => sent.push(`${name} ${source}`));
   (commands as unknown as { offered: CommandLabel[] }).offered = offered;
   const message = { type: "robot_commands", commands: offered, sources: ["button"], mode: "waiting" };
-  commands.show({ ...message, speed_factor: 1, distance_m: 0.15 } as RobotCommands);
+  commands.show({ ...message, speed_factor: 1, distance_m: 0.15 } as AvailableRobotCommands);
   expect(group.hidden).toBe(offered.length === 0);
   return commands;
 }

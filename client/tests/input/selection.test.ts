@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import type { Input, Offered } from "../../src/generated/messages";
+import type { InputProfileMessage, OfferedTargets } from "../../src/generated/messages";
 import { Dwell, FLICKER_MS } from "../../src/input/dwell";
 import { CONTROLLERS, pointsWith, switchOfButton, switchOfHand, switchOfKey } from "../../src/input/input-profile";
 import { GUARD_MS, Scanner } from "../../src/input/scanner";
@@ -10,14 +10,14 @@ const TARGETS = [7, -1, 3].map((value) => ({ value, label: `${value}` }));
 const DWELL_S = 0.8;
 const SCAN_S = 1.2;
 
-function profile(changes: Partial<Input>): Input {
+function profile(changes: Partial<InputProfileMessage>): InputProfileMessage {
   return { ...CONTROLLERS, dwell_s: DWELL_S, scan_s: SCAN_S, ...changes };
 }
 
 /** A selection with targets at time 0, what it selected, and what it announced. */
-function offered(method: Input["method"]) {
+function offered(method: InputProfileMessage["method"]) {
   const selected: number[] = [];
-  const announced: Offered[] = [];
+  const announced: OfferedTargets[] = [];
   const selection = new Selection((value) => selected.push(value), (offer) => announced.push(offer));
   selection.change(profile({ method }), 0);
   selection.offer(TARGETS, "first", 0);
@@ -186,7 +186,7 @@ describe("switches", () => {
 describe("a profile", () => {
   it("points with the sources of its arms", () => {
     const hands = ["left", "right", "none"] as const;
-    const used = (changes: Partial<Input>) => hands.filter((handedness) => pointsWith(profile(changes), { handedness }));
+    const used = (changes: Partial<InputProfileMessage>) => hands.filter((handedness) => pointsWith(profile(changes), { handedness }));
     expect(used({ method: "controllers" })).toEqual(["left", "right", "none"]);
     expect(used({ method: "controllers", absent_arms: ["left"] })).toEqual(["right", "none"]);
     expect(used({ method: "left-hand" })).toEqual(["left", "none"]);

@@ -1,6 +1,6 @@
 import { Vector3 } from "three";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import type { Presentation } from "../../src/generated/messages";
+import type { PresentationPreferences } from "../../src/generated/messages";
 import { PRESENTATION } from "../../src/input/input-profile";
 import { CaptionPlane, Captions } from "../../src/panel/caption";
 import { HEIGHT, WIDTH } from "../../src/panel/paint-panel";
@@ -26,7 +26,7 @@ beforeEach(() => {
 });
 afterEach(() => vi.unstubAllGlobals());
 
-function placed(changes: Partial<Presentation>): Panel {
+function placed(changes: Partial<PresentationPreferences>): Panel {
   const panel = new Panel(1);
   panel.present({ ...PRESENTATION, ...changes });
   panel.show(CONTENT);

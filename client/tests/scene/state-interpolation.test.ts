@@ -2,12 +2,12 @@ import { Quaternion, Vector3 } from "three";
 import { describe, expect, it } from "vitest";
 import { POSE, StateBuffer, TELEPORT_M } from "../../src/scene/state-interpolation";
 import { MAX_DELAY_S } from "../../src/scene/playback-clock";
-import type { State } from "../../src/session/state-decoder";
+import type { WorldState } from "../../src/session/state-decoder";
 
 type Pose = [x: number, y: number, z: number, qw: number, qx: number, qy: number, qz: number];
 const UPRIGHT = [1, 0, 0, 0] as const;
 
-function state(sequence: number, timeS: number, ...poses: Pose[]): State {
+function state(sequence: number, timeS: number, ...poses: Pose[]): WorldState {
   const numbers = new Float32Array(poses.flat());
   return { sequence, simulation_time_s: timeS, tracking_sequence: -1, joint_targets: new Float64Array(), deviating_parts: [], poses: numbers };
 }
@@ -27,7 +27,7 @@ function sampled(buffer: StateBuffer, timeS: number, bodies = 1): Float32Array {
   return out;
 }
 
-function filled(...states: State[]): StateBuffer {
+function filled(...states: WorldState[]): StateBuffer {
   const buffer = new StateBuffer(states[0]!.poses.length / POSE);
   for (const one of states) expect(buffer.push(one)).toBe(true);
   return buffer;

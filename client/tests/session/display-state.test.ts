@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 import { canChooseBody } from "../../src/panel/body-choice";
 import { isRunning, linkText, panelContent, type DisplayState } from "../../src/session/display-state";
-import type { Body, Phase, Question } from "../../src/generated/messages";
+import type { ParticipantBody, PhaseDescription, Question } from "../../src/generated/messages";
 import { bodiesOf, buttonsOf, wrap } from "../../src/panel/paint-panel";
 import { hitButton } from "../../src/panel/questionnaire";
 import { ENGLISH_TEXTS } from "../../src/page/texts";
@@ -19,7 +19,7 @@ const QUESTION: Question = {
   previous_answer: null,
 };
 
-const BODY: Body = {
+const BODY: ParticipantBody = {
   type: "body",
   sex: "woman",
   skin_tone: "dark",
@@ -30,7 +30,7 @@ const BODY: Body = {
   ],
 };
 
-function phase(name: Phase["name"], text = "Texts"): Phase {
+function phase(name: PhaseDescription["name"], text = "Texts"): PhaseDescription {
   return { type: "phase", name, text, trial: 3, trials: 8, practice: false, seconds: null, page_text: "", texts_by_input: {}, key: "", preferences: false };
 }
 

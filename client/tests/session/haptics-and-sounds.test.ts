@@ -1,8 +1,8 @@
 import { describe, expect, it, vi } from "vitest";
-import type { Feedback } from "../../src/generated/messages";
+import type { HapticAndAudioFeedback } from "../../src/generated/messages";
 import { Senses } from "../../src/session/haptics-and-sounds";
 
-const felt = (left_touched: boolean, right_touched: boolean, events = 0): Feedback => ({
+const felt = (left_touched: boolean, right_touched: boolean, events = 0): HapticAndAudioFeedback => ({
   type: "feedback",
   left_touched,
   right_touched,

@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 import { LatencyMeter } from "../../src/session/latency";
 import type { Latency } from "../../src/generated/messages";
-import type { State } from "../../src/session/state-decoder";
+import type { WorldState } from "../../src/session/state-decoder";
 
 /** The server's clock is ahead by this. */
 const AHEAD_MS = 123_456;
@@ -29,7 +29,7 @@ function told(frames: Stages[]): Latency[] {
     times.set(sequence, { readMs, sentMs });
     const [received_s, simulated_s, sent_s] = [receivedMs, simulatedMs, leftMs].map((ms) => (ms + AHEAD_MS) / 1000);
     meter.announce({ type: "passed", tracking_sequence: sequence, received_s: received_s!, simulated_s: simulated_s!, sent_s: sent_s! });
-    meter.onState({ tracking_sequence: sequence, simulation_time_s: sequence } as State, cameMs);
+    meter.onState({ tracking_sequence: sequence, simulation_time_s: sequence } as WorldState, cameMs);
     meter.pictureDrawn(sequence - 0.5, cameMs + stages.draw / 2);
     meter.pictureDrawn(sequence, cameMs + stages.draw);
     const latency = meter.take(cameMs + stages.draw);
@@ -64,8 +64,8 @@ describe("how late pictures are", () => {
   it("is not known of a state that nobody announced, or of a frame that nobody remembers", () => {
     const meter = new LatencyMeter(() => null);
     meter.announce({ type: "passed", tracking_sequence: 3, received_s: 1, simulated_s: 1, sent_s: 1 });
-    meter.onState({ tracking_sequence: 3, simulation_time_s: 1 } as State, 2000);
-    meter.onState({ tracking_sequence: 4, simulation_time_s: 1 } as State, 2000);
+    meter.onState({ tracking_sequence: 3, simulation_time_s: 1 } as WorldState, 2000);
+    meter.onState({ tracking_sequence: 4, simulation_time_s: 1 } as WorldState, 2000);
     meter.pictureDrawn(2, 2010);
     expect(meter.take(9000)).toBeNull();
   });

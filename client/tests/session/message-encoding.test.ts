@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { decode, encode } from "../../src/session/connection";
-import type { ClientMessage } from "../../src/generated/messages";
+import type { ParticipantMessage } from "../../src/generated/messages";
 import examples from "../data/messages.json";
 
 function bytesOf(base64: string): Uint8Array {
@@ -21,9 +21,9 @@ describe("messages as Python writes them", () => {
     it(`${value.type} is read`, () => {
       expect(plain(decode(bytesOf(bytes).buffer as ArrayBuffer))).toEqual(value);
     });
-    if (union === "ClientMessage") {
+    if (union === "ParticipantMessage") {
       it(`${value.type} is written with the same bytes`, () => {
-        expect(encode(value as unknown as ClientMessage)).toEqual(bytesOf(bytes));
+        expect(encode(value as unknown as ParticipantMessage)).toEqual(bytesOf(bytes));
       });
     }
   }

@@ -1,8 +1,8 @@
 import { describe, expect, it } from "vitest";
-import type { PhaseName, Status } from "../../src/generated/messages";
+import type { PhaseName, SessionStatus } from "../../src/generated/messages";
 import { skipText, statusTexts, timingText } from "../../src/session/session-status";
 
-const STATUS: Status = {
+const STATUS: SessionStatus = {
   type: "status",
   phase: "free_before",
   trial: 2,

@@ -1,11 +1,11 @@
 import { describe, expect, it } from "vitest";
 import { decode } from "../../src/session/connection";
-import type { StateChange } from "../../src/generated/messages";
+import type { WorldStateChange } from "../../src/generated/messages";
 import { StateDecoder } from "../../src/session/state-decoder";
 import examples from "../data/states.json";
 
 const changes = examples.map(
-  ({ bytes }) => decode(Uint8Array.from(atob(bytes), (letter) => letter.charCodeAt(0)).buffer) as StateChange,
+  ({ bytes }) => decode(Uint8Array.from(atob(bytes), (letter) => letter.charCodeAt(0)).buffer) as WorldStateChange,
 );
 
 function check(decoder: StateDecoder): void {

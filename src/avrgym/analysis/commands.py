@@ -4,17 +4,17 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from statistics import fmean
 
-from avrgym.analysis.page.elements import (
+from avrgym.analysis.page.html_elements import (
     Markup,
-    bullet_list,
-    group_caption,
-    number_text,
-    short_number_text,
-    table,
+    format_group_caption,
+    format_number,
+    format_short_number,
+    render_bullet_list,
+    render_table,
     tag,
 )
-from avrgym.analysis.reading.commands import CommandRow
-from avrgym.analysis.reading.rows import TrialRow
+from avrgym.analysis.reading.commands import TrialCommandsRow
+from avrgym.analysis.reading.table_rows import TrialRow
 from avrgym.commands.preferences import describe_preferences
 from avrgym.study.design.design import Condition, Design
 
@@ -26,8 +26,8 @@ COMMANDS_METHOD_TEXT = (
 )
 
 
-def commands_section(
-    design: Design, trials: Sequence[TrialRow], commands: Sequence[CommandRow], simulated: bool
+def render_commands_section(
+    design: Design, trials: Sequence[TrialRow], commands: Sequence[TrialCommandsRow], simulated: bool
 ) -> Markup:
     """Returns the report section; empty if the design has no conditions with commands."""
     counted = [row for row in trials if row.simulated is simulated and row.counted]
@@ -47,9 +47,9 @@ def commands_section(
     return tag(
         "section",
         tag("h3", "Commands to the robot"),
-        bullet_list(described),
-        table(
-            group_caption("Means over trials by condition", simulated),
+        render_bullet_list(described),
+        render_table(
+            format_group_caption("Means over trials by condition", simulated),
             heads,
             body,
             numbers=range(3, len(heads)),
@@ -58,21 +58,21 @@ def commands_section(
     )
 
 
-def _preferences_table(design: Design, rows: Iterable[CommandRow], simulated: bool) -> Markup:
+def _preferences_table(design: Design, rows: Iterable[TrialCommandsRow], simulated: bool) -> Markup:
     """Returns a table of the participants' own preferences; empty if no condition uses them."""
     with_preferences = [name for name, rules in design.conditions.items() if rules.preferences]
     own = [row for row in rows if row.counted and row.policy in with_preferences]
     if not own:
         return Markup()
-    groups = defaultdict[tuple[object, ...], list[CommandRow]](list)
+    groups = defaultdict[tuple[object, ...], list[TrialCommandsRow]](list)
     for row in own:
         groups[
             row.policy,
             f"{row.preferred_speed:.0%}",
-            short_number_text(100.0 * row.preferred_distance_m),
+            format_short_number(100.0 * row.preferred_distance_m),
             row.preferred_side,
             row.bite_timing.replace("_", " "),
-            "–" if row.bite_timing == "on_cue" else short_number_text(row.pause_s),
+            "–" if row.bite_timing == "on_cue" else format_short_number(row.pause_s),
             f"{row.force_share:.0%}",
         ].append(row)
     heads = (
@@ -80,8 +80,8 @@ def _preferences_table(design: Design, rows: Iterable[CommandRow], simulated: bo
         "Trials",
     )  # fmt: skip
     body = [(*key, len({row.participant for row in each}), len(each)) for key, each in sorted(groups.items())]
-    caption = group_caption("Participants' own preferences at the start of their trials", simulated)
-    return table(caption, heads, body, numbers=(1, 2, 5, 6, 7, 8))
+    caption = format_group_caption("Participants' own preferences at the start of their trials", simulated)
+    return render_table(caption, heads, body, numbers=(1, 2, 5, 6, 7, 8))
 
 
 def describe_condition(rules: Condition) -> str:
@@ -101,7 +101,7 @@ def describe_condition(rules: Condition) -> str:
 
 
 def _cells(
-    key: tuple[str, str, str], trials: list[TrialRow], commands: dict[tuple[str, int], CommandRow]
+    key: tuple[str, str, str], trials: list[TrialRow], commands: dict[tuple[str, int], TrialCommandsRow]
 ) -> tuple[object, ...]:
     own = [commands[place] for row in trials if (place := (row.participant, row.position)) in commands]
     agreed = [row.agreement_share for row in own if row.agreement_share is not None]
@@ -121,4 +121,4 @@ def _cells(
 
 def _mean(values: Sequence[float | None]) -> str:
     known = [value for value in values if value is not None]
-    return number_text(fmean(known) if known else None, absent="–")
+    return format_number(fmean(known) if known else None, absent="–")

@@ -4,14 +4,20 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from avrgym.analysis.columns import AT_LEAST_1, IsSimulated, QuestionnaireName
-from avrgym.analysis.page.elements import Markup, bullet_list, table, tag, warning_box
+from avrgym.analysis.column_types import AT_LEAST_1_TEXT, IsSimulated, QuestionnaireName
+from avrgym.analysis.page.html_elements import (
+    Markup,
+    render_bullet_list,
+    render_table,
+    render_warning_box,
+    tag,
+)
 from avrgym.study.checking.finding import Finding
 from avrgym.study.design.design import Design
 from avrgym.study.export.codebook import COLUMNS_BY_TABLE
-from avrgym.study.storage.item_versions import AnsweredItems, base_name
+from avrgym.study.storage.item_versions import AnsweredItems, parse_design_name
 from avrgym.study.storage.session_designs import SessionDesign, describe_trials
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from avrgym.system.columns import Column
 
 _ITEMS = COLUMNS_BY_TABLE["items"]
@@ -26,7 +32,8 @@ class ItemVersionRow:
     questionnaire: QuestionnaireName
     item: Annotated[str, _ITEMS["item"]]
     version: Annotated[
-        int, Column("Version of the item; it increases when an answered item changes.", allowed=AT_LEAST_1)
+        int,
+        Column("Version of the item; it increases when an answered item changes.", allowed=AT_LEAST_1_TEXT),
     ]
     text: Annotated[str, _ITEMS["text"]]
     minimum: Annotated[int, _ITEMS["minimum"]]
@@ -35,14 +42,16 @@ class ItemVersionRow:
     low: Annotated[str, _ITEMS["low"]]
     high: Annotated[str, _ITEMS["high"]]
     participants: Annotated[str, Column("The participants who answered it.")]
-    answers: Annotated[int, Column("Number of answers to it.", allowed=AT_LEAST_1)]
+    answers: Annotated[int, Column("Number of answers to it.", allowed=AT_LEAST_1_TEXT)]
 
 
-def item_version_rows(store: Store, answered_items: AnsweredItems) -> list[ItemVersionRow]:
+def make_item_version_rows(store: StudyStore, answered_items: AnsweredItems) -> list[ItemVersionRow]:
     """Returns a row for each answered version of each item, separately for people and simulated participants."""
-    simulated = {each.pseudonym: each.simulated for each in store.participants()}
+    simulated = {each.pseudonym: each.simulated for each in store.read_participants()}
     scales = {
-        item.id: own.scale_of(item) for own in answered_items.design.questionnaires for item in own.items
+        item.id: own.find_response_scale(item)
+        for own in answered_items.design.questionnaires
+        for item in own.items
     }
     return [
         ItemVersionRow(
@@ -53,16 +62,18 @@ def item_version_rows(store: Store, answered_items: AnsweredItems) -> list[ItemV
             text=version.item.text,
             minimum=scale.lowest_value,
             maximum=scale.highest_value,
-            points=scale.points,
+            points=scale.option_count,
             low=version.item.low,
             high=version.item.high,
             participants=", ".join(sorted(own)),
             answers=sum(own.values()),
         )
-        for version in answered_items.versions
+        for version in answered_items.item_versions
         for scale in (scales[version.item.id],)
         for group in (False, True)
-        for own in ({name: n for name, n in version.answer_counts.items() if simulated[name] is group},)
+        for own in (
+            {name: n for name, n in version.answer_count_by_participant.items() if simulated[name] is group},
+        )
         if own
     ]
 
@@ -76,26 +87,28 @@ DESIGN_DIFFERENCES_TEXT = (
 )
 
 
-def design_differences_notice(differences: Sequence[Finding]) -> list[Markup]:
+def render_design_differences_notice(differences: Sequence[Finding]) -> list[Markup]:
     """Returns a warning that designs differ; an empty list if no difference is an error."""
     has_errors = any(each.is_error for each in differences)
-    return [warning_box(f"{DESIGN_DIFFERENCES_TITLE}.", DESIGN_DIFFERENCES_TEXT)] if has_errors else []
+    return [render_warning_box(f"{DESIGN_DIFFERENCES_TITLE}.", DESIGN_DIFFERENCES_TEXT)] if has_errors else []
 
 
-def design_differences_section(differences: Sequence[Finding], items: Sequence[ItemVersionRow]) -> Markup:
+def render_design_differences_section(
+    differences: Sequence[Finding], items: Sequence[ItemVersionRow]
+) -> Markup:
     """Returns the report section: each difference between designs, and all versions of changed items.
 
     The section is empty if there are no differences.
     """
     if not differences:
         return Markup()
-    lines = bullet_list([f"{each.where}: {each.message}." for each in differences])
+    lines = render_bullet_list([f"{each.where}: {each.message}." for each in differences])
     return tag("section", tag("h2", DESIGN_DIFFERENCES_TITLE), lines, *_versions(items), id="differences")
 
 
 def _versions(items: Sequence[ItemVersionRow]) -> list[Markup]:
-    changed = {base_name(row.item) for row in items if row.version > 1}
-    shown = [row for row in items if base_name(row.item) in changed]
+    changed = {parse_design_name(row.item) for row in items if row.version > 1}
+    shown = [row for row in items if parse_design_name(row.item) in changed]
     if not shown:
         return []
     heads = ("Item", "Words", "From", "To", "Participants", "Answers")
@@ -106,10 +119,14 @@ def _versions(items: Sequence[ItemVersionRow]) -> list[Markup]:
         )
         for row in shown
     ]  # fmt: skip
-    return [table("Items that were changed; each version is analysed separately", heads, body, numbers=(5,))]
+    return [
+        render_table(
+            "Items that were changed; each version is analysed separately", heads, body, numbers=(5,)
+        )
+    ]
 
 
-def describe_by_design(
+def describe_session_designs(
     session_designs: Iterable[SessionDesign], design: Design, words: Callable[[Design], str]
 ) -> str:
     """Returns a description of all session designs. If descriptions differ, each is listed with its trials.

@@ -19,20 +19,27 @@ from itertools import pairwise
 import numpy as np
 from scipy import signal
 
-from avrgym.analysis.recorded_motion import ELBOW, HEAD_X, MOTION_JOINTS, WAIST_X, WAIST_Y, RecordedMotion
+from avrgym.analysis.recorded_motion import (
+    ELBOW_COLUMN,
+    HEAD_X_COLUMN,
+    MOTION_JOINT_NAMES,
+    WAIST_X_COLUMN,
+    WAIST_Y_COLUMN,
+    RecordedMotion,
+)
 from avrgym.analysis.statistics.shrinkage import ShrunkenEstimates, shrink_estimates
 from avrgym.array_types import FloatArray
 from avrgym.models.human import JOINT_INDEX, LOWER_LIMITS_RAD, UPPER_LIMITS_RAD, People
 from avrgym.models.scene import DEFAULT_SUBSTEPS, PHYSICS_STEP_S
-from avrgym.people import motor
-from avrgym.people.motor import (
+from avrgym.people import motor_model
+from avrgym.people.motor_model import (
     MAX_JOINT_SPEED_RAD_S,
-    NOISE_FREE_SPEED_SHARE,
+    NOISE_FREE_SPEED_FRACTION,
     STARTLE_FILTER_GAIN,
     STARTLE_SPEED_FACTOR,
 )
 from avrgym.people.zoo import partner_behaviour
-from avrgym.people.zoo.partners import DEFAULT_PARAMETER_BOUNDS, PARAMETER_BOUNDS, parameters_of
+from avrgym.people.zoo.partners import DEFAULT_PARAMETER_BOUNDS, PARAMETER_BOUNDS, make_behaviour_parameters
 
 MOVEMENT_PRIORS: Mapping[str, tuple[float, float]] = {
     "reaction_s": (0.35, 0.2),
@@ -78,10 +85,10 @@ CAUCHY_WEIGHT_SCALE = 2.385
 Commun. Stat. 6:813, 1977)."""
 MAD_TO_SD_FACTOR = 1.4826
 """Standard deviation of normally distributed values, divided by their median absolute deviation."""
-_MOVING = [JOINT_INDEX[name] for name in (*MOTION_JOINTS, "waist_z")]
-_SHOWN = slice(len(MOTION_JOINTS))
+_MOVING = [JOINT_INDEX[name] for name in (*MOTION_JOINT_NAMES, "waist_z")]
+_SHOWN = slice(len(MOTION_JOINT_NAMES))
 SIDEWAYS_SWAY_FREQUENCY_RATIO = 0.7
-"""Frequency of sideways sway divided by the frequency of forward sway, as in ``people.motor``."""
+"""Frequency of sideways sway divided by the frequency of forward sway, as in ``people.motor_model``."""
 _STARTLE = [column for column, name in enumerate(_NAMES) if name.startswith("startle")]
 _MEAN, _DEVIATION = np.array(list(MOVEMENT_PRIORS.values())).T
 _LOW, _HIGH = np.array([PARAMETER_BOUNDS.get(name, DEFAULT_PARAMETER_BOUNDS) for name in _NAMES]).T
@@ -89,11 +96,11 @@ _EVERY = DEFAULT_SUBSTEPS // 2
 """Step between the samples for the least-squares method: every fifth angle, 20 angles a second."""
 MOTION_LAG_TICKS = 1
 """Delay from a motion of the person to the joint targets, in ticks of 10 ms."""
-COST_TOLERANCE = 0.5
+FIT_COST_TOLERANCE = 0.5
 """Two least-squares costs are considered equal if their difference is below this value."""
 ITERATIONS_PER_PASS = 3
 """Number of iterations in each of two passes: before and after the sway frequency is estimated."""
-INITIAL_NOISE_RAD, MIN_NOISE_RAD = 0.01, 0.001
+INITIAL_NOISE_STD_RAD, MIN_NOISE_STD_RAD = 0.01, 0.001
 """Initial and minimum standard deviation of the differences between recorded and predicted angles."""
 
 
@@ -103,9 +110,9 @@ class FittedBehaviour:
     ``participants``."""
 
     participants: tuple[str, ...]
-    parameters: Mapping[str, ShrunkenEstimates]
+    estimates_by_parameter: Mapping[str, ShrunkenEstimates]
 
-    def estimates(self) -> tuple[dict[str, tuple[float, float]], ...]:
+    def list_participant_estimates(self) -> tuple[dict[str, tuple[float, float]], ...]:
         """Returns (posterior mean, posterior standard deviation) by parameter name, for each participant.
 
         Means are clipped to ``PARAMETER_BOUNDS``.
@@ -124,7 +131,7 @@ class FittedBehaviour:
                     ),
                     round(float(each.posterior_sd[row]), 4),
                 )
-                for name, each in self.parameters.items()
+                for name, each in self.estimates_by_parameter.items()
             }
             for row in range(len(self.participants))
         )
@@ -174,7 +181,7 @@ class _Fit:
             bounds = [0, length // 2, length] if single else [0, length]
             self._pieces += [(number, slice(*each)) for each in pairwise(bounds)]
         self._piece_owner = self._owner[[number for number, _ in self._pieces]]
-        self._noise_rad = np.full((len(self.participants), len(MOTION_JOINTS)), INITIAL_NOISE_RAD)
+        self._noise_rad = np.full((len(self.participants), len(MOTION_JOINT_NAMES)), INITIAL_NOISE_STD_RAD)
         self._bases = [_nuisance(len(each), None) for each in self._measured]
         self.values = self._best_of_grid()
 
@@ -219,8 +226,8 @@ class _Fit:
         return points, self._piece_costs(self._residuals(points))
 
     def _search(self, column: int, changes: FloatArray) -> None:
-        """Set one parameter to the mean of its best values: those with a cost within ``COST_TOLERANCE`` of the lowest
-        cost."""
+        """Set one parameter to the mean of its best values: those with a cost within ``FIT_COST_TOLERANCE`` of the
+        lowest cost."""
         points, of_pieces = self._searched(column, changes)
         costs = self._per_participant(of_pieces.T).T + _prior_costs(points)
         self.values[:, column] = _best(points[..., column], costs)[0]
@@ -266,8 +273,8 @@ class _Fit:
         residuals = self._residuals(self.values[None], bases=False)
         found: list[list[float]] = []
         for number, rows in self._pieces:
-            full = self._motions[number].angles_rad[
-                DEFAULT_SUBSTEPS * self._motions[number].first_active_sample :, HEAD_X
+            full = self._motions[number].joint_angles_rad[
+                DEFAULT_SUBSTEPS * self._motions[number].first_robot_motion_sample :, HEAD_X_COLUMN
             ]
             tremor = full[_EVERY * rows.start : _EVERY * rows.stop]
             found.append([*_sway(residuals[number][0, rows]), *_tremor(tremor)])
@@ -346,7 +353,7 @@ class _Fit:
                 [each[0] for each, of in zip(residuals, self._owner, strict=True) if of == owner]
             )
             self._noise_rad[owner] = np.maximum(
-                MAD_TO_SD_FACTOR * np.median(np.abs(own), axis=0), MIN_NOISE_RAD
+                MAD_TO_SD_FACTOR * np.median(np.abs(own), axis=0), MIN_NOISE_STD_RAD
             )
 
 
@@ -358,9 +365,9 @@ def _prior_costs(points: FloatArray) -> FloatArray:
 def _best(values: FloatArray, costs: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns mean and variance (n,) of the best of C values (C, n).
 
-    The best values have costs (C, n) within ``COST_TOLERANCE`` of the lowest cost.
+    The best values have costs (C, n) within ``FIT_COST_TOLERANCE`` of the lowest cost.
     """
-    best = costs < costs.min(axis=0) + COST_TOLERANCE
+    best = costs < costs.min(axis=0) + FIT_COST_TOLERANCE
     count = best.sum(axis=0)
     mean = (best * values).sum(axis=0) / count
     return mean, (best * (values - mean) ** 2).sum(axis=0) / count
@@ -381,9 +388,11 @@ class _Perceived:
 
 def _sampled(motion: RecordedMotion) -> FloatArray:
     """Returns the recorded angles (T, 5) in radians during the robot's motion, 20 a second."""
-    angles = np.concatenate([motion.angles_rad, np.tile(motion.angles_rad[-1], (MOTION_LAG_TICKS, 1))])
-    return angles[DEFAULT_SUBSTEPS * motion.first_active_sample + MOTION_LAG_TICKS :: _EVERY][
-        : 2 * (len(motion.tool_pos_w) - motion.first_active_sample)
+    angles = np.concatenate(
+        [motion.joint_angles_rad, np.tile(motion.joint_angles_rad[-1], (MOTION_LAG_TICKS, 1))]
+    )
+    return angles[DEFAULT_SUBSTEPS * motion.first_robot_motion_sample + MOTION_LAG_TICKS :: _EVERY][
+        : 2 * (len(motion.tool_pos_w) - motion.first_robot_motion_sample)
     ]
 
 
@@ -393,13 +402,13 @@ def _predictions(motions: Sequence[RecordedMotion], points: FloatArray) -> list[
     The predictions contain no rhythmic motion and no noise.
     """
     predicted: list[FloatArray] = [np.empty(0)] * len(motions)
-    kinds = dict.fromkeys((each.offered_part, each.posture) for each in motions)
+    kinds = dict.fromkeys((each.offered_body_part, each.posture) for each in motions)
     for kind in kinds:
-        numbers = [n for n, each in enumerate(motions) if (each.offered_part, each.posture) == kind]
+        numbers = [n for n, each in enumerate(motions) if (each.offered_body_part, each.posture) == kind]
         chosen = [motions[number] for number in numbers]
         angles = _predict(chosen, points[:, numbers])
         for number, each in zip(numbers, np.moveaxis(angles, 2, 0), strict=True):
-            begin, end = 2 * motions[number].first_active_sample, 2 * len(motions[number].tool_pos_w)
+            begin, end = 2 * motions[number].first_robot_motion_sample, 2 * len(motions[number].tool_pos_w)
             predicted[number] = each[:, begin:end]
     return predicted
 
@@ -421,19 +430,19 @@ def _predict(motions: Sequence[RecordedMotion], points: FloatArray) -> FloatArra
     persons = [each.person for each in motions] * candidates
     people = People.from_persons(persons)
     values = points.reshape(-1, len(_NAMES))
-    parameters = parameters_of([dict(zip(_NAMES, row, strict=True)) for row in values.tolist()])
+    parameters = make_behaviour_parameters([dict(zip(_NAMES, row, strict=True)) for row in values.tolist()])
     rows = len(values)
-    state = partner_behaviour.initial_state(people, parameters, np.full((rows, 4), 0.5))
-    moved = motor.initial_state(people, None, parameters.speed_share, np.zeros((rows, 3)))
+    state = partner_behaviour.make_initial_state(people, parameters, np.full((rows, 4), 0.5))
+    moved = motor_model.make_initial_state(people, None, parameters.speed_share, np.zeros((rows, 3)))
     usual_follow, moved = moved.filter_gain, _only(moved, _MOVING)
     shown: list[FloatArray] = []
     targets_rad = state.initial_angles_rad.copy()
     for now in zip(*perceived, strict=True):
-        targets_rad[:, _MOVING] = moved.angles_rad
+        targets_rad[:, _MOVING] = moved.second_filter_angles_rad
         state, goals = partner_behaviour.choose_goal_angles(
             replace(state, joint_targets_rad=targets_rad),
             _Perceived(*now),
-            motions[0].offered_part,
+            motions[0].offered_body_part,
             motions[0].posture,
         )
         startled = partner_behaviour.are_startled(state)
@@ -441,22 +450,25 @@ def _predict(motions: Sequence[RecordedMotion], points: FloatArray) -> FloatArra
         follow = np.where(startled[:, None], STARTLE_FILTER_GAIN, usual_follow)
         moved = replace(
             moved,
-            goal_rad=np.clip(goals, LOWER_LIMITS_RAD, UPPER_LIMITS_RAD)[:, _MOVING],
-            max_step_rad=(PHYSICS_STEP_S * NOISE_FREE_SPEED_SHARE * pace)[:, None]
+            goal_angles_rad=np.clip(goals, LOWER_LIMITS_RAD, UPPER_LIMITS_RAD)[:, _MOVING],
+            max_step_rad=(PHYSICS_STEP_S * NOISE_FREE_SPEED_FRACTION * pace)[:, None]
             * MAX_JOINT_SPEED_RAD_S[_MOVING],
             filter_gain=follow[:, _MOVING],
         )
         for tick in range(DEFAULT_SUBSTEPS):
             if tick % _EVERY == 0:
-                shown.append(moved.angles_rad[:, _SHOWN])
-            moved = motor.advance_motor_state(moved)
-    angles = np.stack(shown).reshape(len(shown), candidates, trials, len(MOTION_JOINTS))
+                shown.append(moved.second_filter_angles_rad[:, _SHOWN])
+            moved = motor_model.advance_motor_state(moved)
+    angles = np.stack(shown).reshape(len(shown), candidates, trials, len(MOTION_JOINT_NAMES))
     return angles.transpose(1, 0, 2, 3)
 
 
-def _only(state: motor.MotorState, joints: list[int]) -> motor.MotorState:
+def _only(state: motor_model.MotorState, joints: list[int]) -> motor_model.MotorState:
     """Returns the motor state of the selected joints, without rhythmic motion."""
-    names = ("goal_rad", "equilibrium_rad", "filtered_rad", "angles_rad", "max_step_rad", "filter_gain")
+    names = (
+        "goal_angles_rad", "equilibrium_angles_rad", "first_filter_angles_rad", "second_filter_angles_rad",
+        "max_step_rad", "filter_gain",
+    )  # fmt: skip
     return replace(state, **{name: getattr(state, name)[:, joints] for name in names})
 
 
@@ -470,7 +482,7 @@ def _nuisance(count: int, sway_hz: float | None) -> dict[int, FloatArray]:
         return np.linalg.qr(_sinusoid(times_s, frequency_hz))[0]
 
     sideways_hz = None if sway_hz is None else SIDEWAYS_SWAY_FREQUENCY_RATIO * sway_hz
-    return {WAIST_X: basis(sway_hz), WAIST_Y: basis(sideways_hz), ELBOW: basis(None)}
+    return {WAIST_X_COLUMN: basis(sway_hz), WAIST_Y_COLUMN: basis(sideways_hz), ELBOW_COLUMN: basis(None)}
 
 
 def _sinusoid(times_s: FloatArray, frequency_hz: float) -> FloatArray:
@@ -489,7 +501,7 @@ def _sway(deviations_rad: FloatArray) -> tuple[float, float]:
     low_hz, high_hz = SWAY_BAND_HZ
     for frequency_hz in np.arange(max(low_hz, 1.0 / times_s[-1]), high_hz, SWAY_FREQUENCY_STEP_HZ):
         error, power = 0.0, 0.0
-        for channel, factor in ((WAIST_X, 1.0), (WAIST_Y, SIDEWAYS_SWAY_FREQUENCY_RATIO)):
+        for channel, factor in ((WAIST_X_COLUMN, 1.0), (WAIST_Y_COLUMN, SIDEWAYS_SWAY_FREQUENCY_RATIO)):
             basis = _sinusoid(times_s, factor * frequency_hz)
             found = np.linalg.lstsq(basis, deviations_rad[:, channel], rcond=None)[0]
             error += float(((deviations_rad[:, channel] - basis @ found) ** 2).sum())

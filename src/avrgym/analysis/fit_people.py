@@ -26,16 +26,16 @@ from avrgym.models.human import JOINT_INDEX, JOINTS, TORSO_HEIGHT_RANGE_M, Sex
 from avrgym.people.people_file import FittedStudy, PeopleFile, TorsoHeights, ValueRange
 from avrgym.recording.reader import Recording
 from avrgym.study.checking.tracking_loss import describe_excess_tracking_loss
-from avrgym.study.export.trials import ExportedAttempt, completed_attempts
+from avrgym.study.export.exported_attempts import ExportedAttempt, list_completed_attempts
 from avrgym.study.storage.remote_recordings import fetch_recordings
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from avrgym.system.files import write_atomically
 from avrgym.tasks.registry import TASKS
 
-FITTED_JOINTS = tuple(name for name in JOINTS if not name.startswith("left_"))
+FITTED_JOINT_NAMES = tuple(name for name in JOINTS if not name.startswith("left_"))
 """Joints with fitted ranges: waist, head and right arm. The left arm has the initial pose of the task."""
-REACHING_JOINTS = {
+REACHING_JOINT_INDICES = {
     "mouth": [JOINT_INDEX[name] for name, joint in JOINTS.items() if joint.body in ("torso", "head")],
     "arm": [JOINT_INDEX[name] for name in JOINTS if name.startswith(("right_shoulder", "right_elbow"))],
     "left_arm": [],
@@ -54,8 +54,8 @@ class TrialPose:
     """Torso height and joint angles (20,) of the person in one completed trial. Angles are in degrees.
 
     ``initial_angles_deg``: mean over the first second of the robot's motion. ``mean_angles_deg``: mean over the whole
-    trial. ``max_joint_motion_deg``: the largest motion (maximum − minimum) of a joint in ``REACHING_JOINTS`` of the
-    task. ``motion``: ``None`` if the recording contains no simulation states.
+    trial. ``max_joint_motion_deg``: the largest motion (maximum − minimum) of a joint in ``REACHING_JOINT_INDICES``
+    of the task. ``motion``: ``None`` if the recording contains no simulation states.
     """
 
     participant: str
@@ -97,9 +97,9 @@ def fit_people(
     Raises:
         StudyError: if the folder contains no study, or fewer than two participants have usable trials.
     """
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         fetch_recordings(store)
-        attempts = [each for each in completed_attempts(store) if not each.trial.practice]
+        attempts = [each for each in list_completed_attempts(store) if not each.trial.practice]
         simulated = all(each.participant.simulated for each in attempts)
         chosen = [each for each in attempts if each.participant.simulated == simulated]
         trials, left_out = _read_poses(chosen, progress)
@@ -135,7 +135,7 @@ def _toml_text(fit: FittedPopulation) -> str:
     return tomlkit.dumps(document)  # pyright: ignore[reportUnknownMemberType]
 
 
-def covering_range(values: Sequence[float], limits: ValueRange) -> ValueRange:
+def compute_covering_range(values: Sequence[float], limits: ValueRange) -> ValueRange:
     """Returns the covering range (see the module docstring) of two or more values, clipped to ``limits``."""
     low, high = min(values), max(values)
     margin = (high - low) / (len(values) - 1)
@@ -176,7 +176,7 @@ def _read_pose(attempt: ExportedAttempt) -> TrialPose:
 
 def _trial_pose(attempt: ExportedAttempt, recording: Recording) -> TrialPose:
     times_s, targets_deg = _targets(recording)
-    offered = REACHING_JOINTS[TASKS[attempt.trial.task].offered]
+    offered = REACHING_JOINT_INDICES[TASKS[attempt.trial.task].offered_body_part]
     return TrialPose(
         participant=attempt.participant.pseudonym,
         sex=recording.configuration.person.sex,
@@ -241,7 +241,7 @@ def _fitted(
         torso_height_m=TorsoHeights(man=_heights(trials, "man"), woman=_heights(trials, "woman")),
         poses={task: pose for task, pose in poses.items() if pose},
         source=source,
-        behaviour=() if behaviour is None else behaviour.estimates(),
+        behaviour=() if behaviour is None else behaviour.list_participant_estimates(),
     )
 
 
@@ -260,7 +260,7 @@ def _heights(trials: Sequence[TrialPose], sex: Sex) -> ValueRange:
     """
     own = _participant_means((t.participant, t.torso_height_m) for t in trials if t.sex == sex)
     both = _participant_means((t.participant, t.torso_height_m) for t in trials)
-    low, high = covering_range(own if len(own) > 1 else both, TORSO_HEIGHT_RANGE_M)
+    low, high = compute_covering_range(own if len(own) > 1 else both, TORSO_HEIGHT_RANGE_M)
     return round(low, 4), round(high, 4)
 
 
@@ -273,13 +273,13 @@ def _pose(trials: Sequence[TrialPose], moving: bool) -> dict[str, ValueRange]:
     if len({trial.participant for trial in trials}) < 2:
         return {}
     ranges: dict[str, ValueRange] = {}
-    for name in FITTED_JOINTS:
+    for name in FITTED_JOINT_NAMES:
         angles = (
             (t.participant, (t.initial_angles_deg if moving else t.mean_angles_deg)[JOINT_INDEX[name]])
             for t in trials
         )
-        limits = JOINTS[name].lower_deg, JOINTS[name].upper_deg
-        low, high = covering_range(_participant_means(angles), limits)
+        limits = JOINTS[name].lower_limit_deg, JOINTS[name].upper_limit_deg
+        low, high = compute_covering_range(_participant_means(angles), limits)
         ranges[name] = round(low, 2), round(high, 2)
     return ranges
 
@@ -306,7 +306,8 @@ def _behaviour_remarks(behaviour: FittedBehaviour | None) -> str:
     if behaviour is None:
         return "\nBehaviour is not fitted: it needs two participants whose recordings contain the world's states."
     lines = [
-        f"{name}: {each.group_mean:.3g} ± {each.group_sd:.2g}" for name, each in behaviour.parameters.items()
+        f"{name}: {each.group_mean:.3g} ± {each.group_sd:.2g}"
+        for name, each in behaviour.estimates_by_parameter.items()
     ]
     return "\n".join(["", "Behaviour, mean ± standard deviation of the group:", *lines])
 

@@ -5,13 +5,26 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Annotated
 
-from avrgym.analysis.columns import AT_LEAST_0, SHARE, IsSimulated, Pseudonym, SessionNumber
-from avrgym.analysis.page.elements import Markup, count_text, join_markup, number_text, table, tag
+from avrgym.analysis.column_types import (
+    AT_LEAST_0_TEXT,
+    FRACTION_RANGE_TEXT,
+    IsSimulated,
+    Pseudonym,
+    SessionNumber,
+)
+from avrgym.analysis.page.html_elements import (
+    Markup,
+    format_count,
+    format_number,
+    join_markup,
+    render_table,
+    tag,
+)
 from avrgym.recording.configuration import HeadsetCheck
-from avrgym.study.storage.rows import Participant, StudySession
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.database_rows import Participant, StudySession
+from avrgym.study.storage.store import StudyStore
 from avrgym.system.columns import Column
-from avrgym.vr.headset_check import fault_text, is_headset_ready
+from avrgym.vr.headset_check import format_faults, is_headset_ready
 
 _NOT_MEASURED, _NOT_ASKED = "not measured", "not asked"
 TrackingJitter = Annotated[float | None, Column("Tracking jitter at rest.", unit="mm", empty=_NOT_MEASURED)]
@@ -22,7 +35,7 @@ TrackedInputDevice = Annotated[str, Column("Tracked as controller, hand or mouse
 
 
 @dataclass(frozen=True, kw_only=True)
-class HeadsetRow:
+class HeadsetCheckRow:
     """Measurements and findings of the latest headset check of a session."""
 
     participant: Pseudonym
@@ -36,8 +49,8 @@ class HeadsetRow:
     display_hz: Annotated[
         float | None, Column("Refresh rate of the display.", unit="Hz", empty=_NOT_MEASURED)
     ]
-    frame_rate_hz: Annotated[float, Column("Measured frame rate.", unit="Hz", allowed=AT_LEAST_0)]
-    dropped_share: Annotated[float, Column("Share of dropped frames.", allowed=SHARE)]
+    frame_rate_hz: Annotated[float, Column("Measured frame rate.", unit="Hz", allowed=AT_LEAST_0_TEXT)]
+    dropped_share: Annotated[float, Column("Share of dropped frames.", allowed=FRACTION_RANGE_TEXT)]
     latency_p50_ms: Annotated[
         float | None,
         Column("Median latency from tracked pose to displayed frame.", unit="ms", empty=_NOT_MEASURED),
@@ -68,20 +81,20 @@ class HeadsetRow:
     faults: Annotated[str, Column("Faults that the check found.", empty="none")]
 
 
-def headset_rows(store: Store) -> list[HeadsetRow]:
+def make_headset_check_rows(store: StudyStore) -> list[HeadsetCheckRow]:
     """Returns a row for the headset check of each session, in order. Sessions without a check are omitted."""
     return [
         _row(participant, session, session.latest_headset_check)
-        for participant in store.participants()
-        for session in store.sessions(participant.pseudonym)
+        for participant in store.read_participants()
+        for session in store.read_sessions(participant.pseudonym)
         if session.latest_headset_check is not None
     ]
 
 
-def _row(participant: Participant, session: StudySession, check: HeadsetCheck) -> HeadsetRow:
+def _row(participant: Participant, session: StudySession, check: HeadsetCheck) -> HeadsetCheckRow:
     total = check.latency_ms.get("total_ms", {})
     stopped = check.stop_method not in (None, "none")
-    return HeadsetRow(
+    return HeadsetCheckRow(
         participant=participant.pseudonym,
         simulated=participant.simulated,
         session=session.number,
@@ -106,11 +119,11 @@ def _row(participant: Participant, session: StudySession, check: HeadsetCheck) -
         stop_worked=None if check.stop_method is None else stopped,
         stop_after_s=check.stop_delay_s,
         go=is_headset_ready(check),
-        faults=fault_text(check),
+        faults=format_faults(check),
     )
 
 
-def describe_headset_checks(rows: Sequence[HeadsetRow]) -> str:
+def describe_headset_checks(rows: Sequence[HeadsetCheckRow]) -> str:
     """Returns a summary of the checks for the methods section of a publication; empty without checks."""
     if not rows:
         return ""
@@ -125,11 +138,11 @@ def describe_headset_checks(rows: Sequence[HeadsetRow]) -> str:
         *([f"{median(jitters):.2f} mm of jitter of the head at rest"] if jitters else []),
     ]
     made_up = (
-        f" {count_text(emulated, 'check')} ran on an emulated headset, which gives no information about a real one."
+        f" {format_count(emulated, 'check')} ran on an emulated headset, which gives no information about a real one."
         * bool(emulated)
     )
     return (
-        f"The headset was checked at the beginning of {count_text(len(rows), 'session')} and found ready in {ready} "
+        f"The headset was checked at the beginning of {format_count(len(rows), 'session')} and found ready in {ready} "
         f"(medians: {', '.join(figures)}; hands tracked with: {', '.join(held)}).{made_up}"
     )
 
@@ -140,11 +153,11 @@ HEADSET_TABLE_HEADINGS = (
 )  # fmt: skip
 
 
-def headset_section(rows: Sequence[HeadsetRow]) -> Markup:
+def render_headset_section(rows: Sequence[HeadsetCheckRow]) -> Markup:
     """Returns the report section: a summary and a table of the headset checks; empty without checks."""
     if not rows:
         return Markup()
-    shown = table(
+    shown = render_table(
         "Checks of the headset",
         HEADSET_TABLE_HEADINGS,
         [_cells(row) for row in rows],
@@ -153,29 +166,29 @@ def headset_section(rows: Sequence[HeadsetRow]) -> Markup:
     return join_markup([tag("p", describe_headset_checks(rows)), shown])
 
 
-def _cells(row: HeadsetRow) -> tuple[object, ...]:
+def _cells(row: HeadsetCheckRow) -> tuple[object, ...]:
     return (
         row.participant + (" (simulated)" if row.simulated else ""),
         row.session,
         "yes" if row.go else f"no: {row.faults}",
         ("EMULATED: " if row.emulated else "") + (row.profiles or row.device or "unknown"),
-        number_text(row.frame_rate_hz, digits=0),
-        number_text(row.display_hz, digits=0, absent="–"),
+        format_number(row.frame_rate_hz, digits=0),
+        format_number(row.display_hz, digits=0, absent="–"),
         f"{100.0 * row.dropped_share:.1f} %",
-        number_text(row.latency_p50_ms, digits=0, absent="–"),
-        number_text(row.latency_p95_ms, digits=0, absent="–"),
-        number_text(row.head_jitter_mm, absent="–"),
+        format_number(row.latency_p50_ms, digits=0, absent="–"),
+        format_number(row.latency_p95_ms, digits=0, absent="–"),
+        format_number(row.head_jitter_mm, absent="–"),
         _hand(row.left_with, row.left_jitter_mm),
         _hand(row.right_with, row.right_jitter_mm),
         _felt(row.haptics),
         _felt(row.sound),
         "not asked" if row.stop_worked is None else row.stop_with if row.stop_worked else "not tried",
-        number_text(row.stop_after_s, absent="–"),
+        format_number(row.stop_after_s, absent="–"),
     )
 
 
 def _hand(tracked_with: str, jitter_mm: float | None) -> str:
-    return f"{number_text(jitter_mm, absent='–')} ({tracked_with})"
+    return f"{format_number(jitter_mm, absent='–')} ({tracked_with})"
 
 
 def _felt(answer: bool | None) -> str:

@@ -4,12 +4,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from avrgym.analysis.columns import AT_LEAST_0, IsSimulated
-from avrgym.analysis.page.elements import Markup, group_caption, table, tag
-from avrgym.analysis.reading.rows import TrialRow
+from avrgym.analysis.column_types import AT_LEAST_0_TEXT, IsSimulated
+from avrgym.analysis.page.html_elements import Markup, format_group_caption, render_table, tag
+from avrgym.analysis.reading.table_rows import TrialRow
 from avrgym.recording.schema import Latency
 from avrgym.system.columns import Column
-from avrgym.vr.latency import STAGE_LABELS, TOTAL_LATENCY_KEY, percentiles_ms
+from avrgym.vr.latency import STAGE_LABELS, TOTAL_LATENCY_KEY, compute_percentiles_ms
 
 LatenciesByTrial = Mapping[tuple[str, int], Sequence[Latency]]
 """Latency measurements of each trial, by (pseudonym, position of the trial)."""
@@ -24,13 +24,15 @@ class LatencyRow:
     ]
     simulated: IsSimulated
     stage: Annotated[str, Column("Stage from pose to frame; total_ms is the total latency.")]
-    pictures: Annotated[int, Column("Number of tracking frames that were displayed.", allowed=AT_LEAST_0)]
-    p50_ms: Annotated[float, Column("Median duration.", unit="ms", allowed=AT_LEAST_0)]
-    p95_ms: Annotated[float, Column("95th percentile of the duration.", unit="ms", allowed=AT_LEAST_0)]
-    p99_ms: Annotated[float, Column("99th percentile of the duration.", unit="ms", allowed=AT_LEAST_0)]
+    pictures: Annotated[
+        int, Column("Number of tracking frames that were displayed.", allowed=AT_LEAST_0_TEXT)
+    ]
+    p50_ms: Annotated[float, Column("Median duration.", unit="ms", allowed=AT_LEAST_0_TEXT)]
+    p95_ms: Annotated[float, Column("95th percentile of the duration.", unit="ms", allowed=AT_LEAST_0_TEXT)]
+    p99_ms: Annotated[float, Column("99th percentile of the duration.", unit="ms", allowed=AT_LEAST_0_TEXT)]
 
 
-def latency_rows(trials: Sequence[TrialRow], latencies: LatenciesByTrial) -> list[LatencyRow]:
+def make_latency_rows(trials: Sequence[TrialRow], latencies: LatenciesByTrial) -> list[LatencyRow]:
     """Returns latency rows: all people together, then each person; then the same for simulated participants.
 
     Only analysed trials with latency measurements are used.
@@ -53,14 +55,14 @@ def latency_rows(trials: Sequence[TrialRow], latencies: LatenciesByTrial) -> lis
 
 def _rows(participant: str | None, told: Sequence[Latency], *, simulated: bool) -> Iterator[LatencyRow]:
     pictures = sum(len(each.sequence) for each in told)
-    for stage, shares in percentiles_ms(told).items():
+    for stage, shares in compute_percentiles_ms(told).items():
         percentiles = {f"{share}_ms": ms for share, ms in shares.items()}
         yield LatencyRow(
             participant=participant, simulated=simulated, stage=stage, pictures=pictures, **percentiles
         )
 
 
-def total_latency(rows: Sequence[LatencyRow], *, simulated: bool) -> LatencyRow | None:
+def find_total_latency_row(rows: Sequence[LatencyRow], *, simulated: bool) -> LatencyRow | None:
     """Returns the row with the total latency of all people, or of all simulated participants.
 
     If there is no such row, returns ``None``.
@@ -84,7 +86,7 @@ LATENCY_METHOD_TEXT = (
 )
 
 
-def latency_section(latencies: Sequence[LatencyRow], simulated: bool) -> Markup:
+def render_latency_section(latencies: Sequence[LatencyRow], simulated: bool) -> Markup:
     """Returns the report section: latency of each stage, and the largest latency of a participant.
 
     The section is empty if there are no rows.
@@ -100,8 +102,13 @@ def latency_section(latencies: Sequence[LatencyRow], simulated: bool) -> Markup:
     own = [row for row in rows if row.participant is not None and row.stage == TOTAL_LATENCY_KEY]
     latest = max(own, key=lambda row: row.p95_ms)
     heads = ("Stage", "Median / ms", "95th percentile / ms", "99th percentile / ms")
-    caption = group_caption(f"Latency from pose to frame over {together[0].pictures} frames", simulated)
+    caption = format_group_caption(
+        f"Latency from pose to frame over {together[0].pictures} frames", simulated
+    )
     note = f"Largest 95th percentile: {latest.p95_ms:.1f} ms, participant {latest.participant}."
     return tag(
-        "section", tag("h3", "Latency"), table(caption, heads, body, numbers=range(1, 4)), tag("p", note)
+        "section",
+        tag("h3", "Latency"),
+        render_table(caption, heads, body, numbers=range(1, 4)),
+        tag("p", note),
     )

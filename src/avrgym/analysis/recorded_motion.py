@@ -10,13 +10,13 @@ from avrgym.models.human import JOINT_INDEX, Person, Posture
 from avrgym.models.scene import DEFAULT_SUBSTEPS, PHYSICS_STEP_S
 from avrgym.people.cooperation import OfferedBodyPart
 from avrgym.recording.reader import Recording
-from avrgym.recording.world import rebuild_world
-from avrgym.tasks.registry import task_and_scene
+from avrgym.recording.recorded_world import rebuild_world
+from avrgym.tasks.registry import find_task_and_scene
 
-MOTION_JOINTS = ("waist_x", "waist_y", "head_x", "head_z", "right_elbow_x")
+MOTION_JOINT_NAMES = ("waist_x", "waist_y", "head_x", "head_z", "right_elbow_x")
 """Joints with fitted motion. Their angles are determined by the tracking of head and hands."""
-WAIST_X, WAIST_Y, HEAD_X, HEAD_Z, ELBOW = range(len(MOTION_JOINTS))
-_COLUMNS = [JOINT_INDEX[name] for name in MOTION_JOINTS]
+WAIST_X_COLUMN, WAIST_Y_COLUMN, HEAD_X_COLUMN, HEAD_Z_COLUMN, ELBOW_COLUMN = range(len(MOTION_JOINT_NAMES))
+_COLUMNS = [JOINT_INDEX[name] for name in MOTION_JOINT_NAMES]
 _WAIST, _HEAD = ([JOINT_INDEX[f"{part}_{axis}"] for axis in "xyz"] for part in ("waist", "head"))
 
 MIN_MOTION_SAMPLES = 20
@@ -30,24 +30,25 @@ class RecordedMotion:
     Attributes:
         participant: pseudonym.
         person: body and initial joint angles.
-        offered_part: name of the body part that the person moves to the tool.
+        offered_body_part: name of the body part that the person moves to the tool.
         posture: posture of the person in the task.
         tool_pos_w, head_pos_w, mouth_pos_w: positions (K, 3) every 0.1 s, in metres in the world frame.
         right_arm_pos_w: positions (K, 3, 3) of right shoulder, elbow and wrist.
-        angles_rad: angles (10 K, 5) of the ``MOTION_JOINTS`` every 0.01 s. Head angles include the yaw of the waist.
-        first_active_sample: index of the first of the K samples with robot motion.
+        joint_angles_rad: angles (10 K, 5) of the ``MOTION_JOINT_NAMES`` every 0.01 s. Head angles include the yaw of
+            the waist.
+        first_robot_motion_sample: index of the first of the K samples with robot motion.
     """
 
     participant: str
     person: Person
-    offered_part: OfferedBodyPart
+    offered_body_part: OfferedBodyPart
     posture: Posture
     tool_pos_w: FloatArray
     head_pos_w: FloatArray
     mouth_pos_w: FloatArray
     right_arm_pos_w: FloatArray
-    angles_rad: FloatArray
-    first_active_sample: int
+    joint_angles_rad: FloatArray
+    first_robot_motion_sample: int
 
 
 def read_recorded_motion(participant: str, recording: Recording) -> RecordedMotion:
@@ -66,12 +67,12 @@ def read_recorded_motion(participant: str, recording: Recording) -> RecordedMoti
             "the recording contains no simulation states, no joint targets or less than 2 s of motion; "
             "allowed: recordings with states, targets and at least 2 s of motion"
         )
-    task, scene = task_and_scene(recording.configuration.environment)
+    task, scene = find_task_and_scene(recording.configuration.environment)
     simulation = rebuild_world(recording.configuration).simulation
     perceived: list[tuple[FloatArray, ...]] = []
     for _, physics in states[: count * DEFAULT_SUBSTEPS : DEFAULT_SUBSTEPS]:
         simulation.set_integration_state(np.array(physics.state, float))
-        now = simulation.state()
+        now = simulation.get_state()
         perceived.append((now.tool_pos_w[0], now.head_pos_w[0], now.mouth_pos_w[0], now.right_arm_pos_w[0]))
     tool_w, head_w, mouth_w, right_arm_w = (np.stack(each) for each in zip(*perceived, strict=True))
     times_s = np.array([time_ns for time_ns, _ in targets]) / 1e9
@@ -81,21 +82,21 @@ def read_recorded_motion(participant: str, recording: Recording) -> RecordedMoti
     return RecordedMotion(
         participant=participant,
         person=recording.configuration.start_person,
-        offered_part=task.offered,
+        offered_body_part=task.offered_body_part,
         posture=scene.posture,
         tool_pos_w=tool_w,
         head_pos_w=head_w,
         mouth_pos_w=mouth_w,
         right_arm_pos_w=right_arm_w,
-        angles_rad=_channels(angles_rad),
-        first_active_sample=min(
+        joint_angles_rad=_channels(angles_rad),
+        first_robot_motion_sample=min(
             int(begins[0] / PHYSICS_STEP_S) // DEFAULT_SUBSTEPS, count - MIN_MOTION_SAMPLES
         ),
     )
 
 
 def _channels(joint_angles_rad: FloatArray) -> FloatArray:
-    """Returns the angles (T, 5) of the ``MOTION_JOINTS`` from joint angles (T, 20).
+    """Returns the angles (T, 5) of the ``MOTION_JOINT_NAMES`` from joint angles (T, 20).
 
     The yaw of the waist is added to the rotation of the head, because inverse kinematics divides yaw between both.
     """
@@ -104,5 +105,5 @@ def _channels(joint_angles_rad: FloatArray) -> FloatArray:
         channels, joint_angles_rad[:, _WAIST[2]].tolist(), joint_angles_rad[:, _HEAD].tolist(), strict=True
     ):
         angles = to_euler_xyz(from_euler_xyz(0.0, 0.0, yaw_rad) @ from_euler_xyz(*head_rad))
-        channel[HEAD_X], channel[HEAD_Z] = angles[0], angles[2]
+        channel[HEAD_X_COLUMN], channel[HEAD_Z_COLUMN] = angles[0], angles[2]
     return channels

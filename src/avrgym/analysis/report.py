@@ -5,51 +5,54 @@ from pathlib import Path
 
 import msgspec
 
-from avrgym.analysis.adverse_events import adverse_events_section
-from avrgym.analysis.answers.scores import scores_section
-from avrgym.analysis.answers.section import answers_section
-from avrgym.analysis.biomechanics.section import biomechanics_section
-from avrgym.analysis.biomechanics.training_people import PEOPLE_PER_TASK
-from avrgym.analysis.commands import COMMANDS_METHOD_TEXT, commands_section
+from avrgym.analysis.access_log import render_access_log_section
+from avrgym.analysis.adverse_events import render_adverse_events_section
+from avrgym.analysis.answers.scores import render_scores_section
+from avrgym.analysis.answers.section import render_answers_section
+from avrgym.analysis.biomechanics.section import render_biomechanics_section
+from avrgym.analysis.biomechanics.training_populations import SAMPLED_PEOPLE_PER_TASK
+from avrgym.analysis.commands import COMMANDS_METHOD_TEXT, render_commands_section
 from avrgym.analysis.designs import (
     DESIGN_DIFFERENCES_TITLE,
-    describe_by_design,
-    design_differences_notice,
-    design_differences_section,
+    describe_session_designs,
+    render_design_differences_notice,
+    render_design_differences_section,
 )
-from avrgym.analysis.headsets import headset_section
-from avrgym.analysis.latency import LATENCY_METHOD_TEXT, latency_section
-from avrgym.analysis.log import access_log_section
-from avrgym.analysis.models.section import MODELS_METHOD_TEXT, models_section
-from avrgym.analysis.outcomes.section import outcomes_section
-from avrgym.analysis.outcomes.trials import trials_section
-from avrgym.analysis.page.comparisons import hypothesis_test_tables, other_tests_section
-from avrgym.analysis.page.drawing import ReportFigure
-from avrgym.analysis.page.elements import (
+from avrgym.analysis.headsets import render_headset_section
+from avrgym.analysis.latency import LATENCY_METHOD_TEXT, render_latency_section
+from avrgym.analysis.models.section import MODELS_METHOD_TEXT, render_models_section
+from avrgym.analysis.outcomes.section import render_outcomes_section
+from avrgym.analysis.outcomes.trials_section import render_trials_section
+from avrgym.analysis.page.html_elements import (
     Markup,
-    badge,
-    bullet_list,
-    count_text,
-    definition_list,
-    group_caption,
+    format_count,
+    format_group_caption,
     join_markup,
-    table,
+    render_badge,
+    render_bullet_list,
+    render_definition_list,
+    render_table,
+    render_warning_box,
     tag,
-    warning_box,
     write_html_page,
 )
-from avrgym.analysis.plan import NO_PLAN_TEXT, confirmatory_section, plan_section
-from avrgym.analysis.primary import primary_section
-from avrgym.analysis.reading.rows import ParticipantRow
-from avrgym.analysis.repeats import REPEATS_METHOD_TEXT, repeats_section
-from avrgym.analysis.sessions import sessions_section
-from avrgym.analysis.sites import sites_section
-from avrgym.analysis.statistics.tests import MAX_EXACT_SIGNED_RANK_N
-from avrgym.analysis.streams import streams_section
-from avrgym.analysis.study import StudyAnalysis
-from avrgym.commands.respondents import PROXY
+from avrgym.analysis.page.hypothesis_test_tables import (
+    render_hypothesis_test_tables,
+    render_other_tests_section,
+)
+from avrgym.analysis.page.report_figures import ReportFigure
+from avrgym.analysis.plan import NO_PLAN_TEXT, render_confirmatory_section, render_plan_section
+from avrgym.analysis.primary_results import render_primary_section
+from avrgym.analysis.reading.table_rows import ParticipantRow
+from avrgym.analysis.repeated_trials import REPEATS_METHOD_TEXT, render_repeated_trials_section
+from avrgym.analysis.sessions import render_sessions_section
+from avrgym.analysis.sites import render_sites_section
+from avrgym.analysis.statistics.rank_tests import MAX_EXACT_SIGNED_RANK_N
+from avrgym.analysis.streams import render_streams_section
+from avrgym.analysis.study_analysis import StudyAnalysis
+from avrgym.commands.respondents import PROXY_RESPONDENT
 from avrgym.study.design.design import Design
-from avrgym.study.storage.states import UNKNOWN_PARTICIPATION
+from avrgym.study.storage.state_transitions import UNKNOWN_PARTICIPATION_STATE
 from avrgym.system.random_streams import TRAINING_POPULATION_SEED
 
 GROUP_TITLES = {False: "People", True: "Simulated participants"}
@@ -75,12 +78,12 @@ def write_report(
         analysis.design.title,
         header,
         [
-            design_differences_section(analysis.design_differences, analysis.item_versions),
-            plan_section(analysis.frozen_plan),
+            render_design_differences_section(analysis.design_differences, analysis.item_versions),
+            render_plan_section(analysis.plan_with_deviations),
             *nobody,
             *sections,
             _facts(analysis),
-            access_log_section(analysis.access_log, analysis.rebuilt_at),
+            render_access_log_section(analysis.access_log, analysis.database_rebuilt_at),
             _problems(analysis),
             _methods(analysis),
         ],
@@ -89,7 +92,7 @@ def write_report(
 
 def _notices(analysis: StudyAnalysis) -> Markup:
     everyone = analysis.study_data.participants
-    notices: list[Markup] = design_differences_notice(analysis.design_differences)
+    notices: list[Markup] = render_design_differences_notice(analysis.design_differences)
     simulated = sum(row.simulated for row in everyone)
     if simulated:
         which = "All" if simulated == len(everyone) else f"{simulated} of the {len(everyone)}"
@@ -97,24 +100,24 @@ def _notices(analysis: StudyAnalysis) -> Markup:
             f"{which} participants are simulated: a program generated their poses and answers. They contain no "
             "information about people and are analysed separately."
         )
-        notices.append(warning_box("SIMULATED PARTICIPANTS.", words))
-    by_proxy = [row for row in analysis.study_data.answers if row.respondent == PROXY]
+        notices.append(render_warning_box("SIMULATED PARTICIPANTS.", words))
+    by_proxy = [row for row in analysis.study_data.answers if row.respondent == PROXY_RESPONDENT]
     if by_proxy:
         people = len({row.participant for row in by_proxy})
         words = (
             f"A proxy gave {len(by_proxy)} of {len(analysis.study_data.answers)} answers, for "
-            f"{count_text(people, 'participant')}. Tables count them in a column; tests and models contain them."
+            f"{format_count(people, 'participant')}. Tables count them in a column; tests and models contain them."
         )
-        notices.append(warning_box("Answers by proxy.", words))
-    notices += [warning_box("Rebuilt database.", words) for words in analysis.data_losses]
-    if analysis.frozen_plan is not None and not analysis.frozen_plan.is_confirmatory:
-        notices.append(warning_box("Exploratory.", "No plan was frozen before the first participant."))
+        notices.append(render_warning_box("Answers by proxy.", words))
+    notices += [render_warning_box("Rebuilt database.", words) for words in analysis.data_losses]
+    if analysis.plan_with_deviations is not None and not analysis.plan_with_deviations.is_confirmatory:
+        notices.append(render_warning_box("Exploratory.", "No plan was frozen before the first participant."))
     if (
         any(use.design.blind_experimenter for use in analysis.session_designs)
         or analysis.design.blind_experimenter
     ):
         notices.append(
-            warning_box(
+            render_warning_box(
                 "Unblinded.", "The experimenter is blinded in this study; this page names the policies."
             )
         )
@@ -123,7 +126,7 @@ def _notices(analysis: StudyAnalysis) -> Markup:
 
 def _navigation(analysis: StudyAnalysis, groups: Sequence[bool]) -> Markup:
     plan = [tag("a", DESIGN_DIFFERENCES_TITLE, href="#differences")] if analysis.design_differences else []
-    plan += [tag("a", "The plan", href="#plan")] if analysis.frozen_plan else []
+    plan += [tag("a", "The plan", href="#plan")] if analysis.plan_with_deviations else []
     links = [tag("a", GROUP_TITLES[simulated], href=f"#{_id(simulated)}") for simulated in groups]
     return tag(
         "nav",
@@ -148,34 +151,40 @@ def _group(
         for each in drawings
         if each.name.rpartition("-")[2] == _id(simulated)
     }
-    mark = [badge("SIMULATED PARTICIPANTS")] if simulated else []
-    tests = hypothesis_test_tables(analysis.families, simulated)
+    mark = [render_badge("SIMULATED PARTICIPANTS")] if simulated else []
+    tests = render_hypothesis_test_tables(analysis.test_families, simulated)
     design, observed = analysis.design, analysis.study_data
-    confirmed = analysis.frozen_plan.confirmatory_plan if analysis.frozen_plan else None
-    findings = analysis.repeat_findings if simulated is analysis.repeats_of_simulated else []
+    confirmed = analysis.plan_with_deviations.confirmatory_plan if analysis.plan_with_deviations else None
+    findings = analysis.repeat_findings if simulated is analysis.are_repeats_simulated else []
     return tag(
         "article",
         tag("h2", GROUP_TITLES[simulated]),
         *mark,
         _counts(analysis, simulated),
-        sessions_section(analysis.sessions, simulated),
-        confirmatory_section(confirmed, analysis.tests, analysis.models, simulated),
-        primary_section(analysis.tests, analysis.models, simulated, planned=confirmed is not None),
-        outcomes_section(design, analysis.objective_outcomes, simulated, own, tests),
-        answers_section(design, analysis.answer_summaries, analysis.session_answers, simulated, own, tests),
-        scores_section(design, observed.scores, analysis.score_summaries, simulated, tests),
-        models_section(analysis.models, simulated),
-        commands_section(design, observed.trials, observed.commands, simulated),
-        biomechanics_section(analysis.biomechanics, analysis.measure_ranges, simulated, own, tests),
-        other_tests_section(tests),
-        sites_section(
+        render_sessions_section(analysis.sessions, simulated),
+        render_confirmatory_section(confirmed, analysis.tests, analysis.model_effects, simulated),
+        render_primary_section(
+            analysis.tests, analysis.model_effects, simulated, planned=confirmed is not None
+        ),
+        render_outcomes_section(design, analysis.objective_outcomes, simulated, own, tests),
+        render_answers_section(
+            design, analysis.answer_summaries, analysis.session_answers, simulated, own, tests
+        ),
+        render_scores_section(design, observed.scores, analysis.score_summaries, simulated, tests),
+        render_models_section(analysis.model_effects, simulated),
+        render_commands_section(design, observed.trials, observed.commands, simulated),
+        render_biomechanics_section(
+            analysis.biomechanics_rows, analysis.measure_ranges, simulated, own, tests
+        ),
+        render_other_tests_section(tests),
+        render_sites_section(
             observed.participants, observed.trials, analysis.site_outcomes, analysis.site_effects, simulated
         ),
-        *([] if simulated else [adverse_events_section(analysis)]),
-        streams_section(observed.streams, simulated),
-        latency_section(analysis.latency_summaries, simulated),
-        repeats_section(design, analysis.repeats, findings, simulated),
-        trials_section(observed, simulated, study_link),
+        *([] if simulated else [render_adverse_events_section(analysis)]),
+        render_streams_section(observed.streams, simulated),
+        render_latency_section(analysis.latency_summaries, simulated),
+        render_repeated_trials_section(design, analysis.repeated_trials, findings, simulated),
+        render_trials_section(observed, simulated, study_link),
         id=_id(simulated),
     )
 
@@ -183,7 +192,7 @@ def _group(
 def _counts(analysis: StudyAnalysis, simulated: bool) -> Markup:
     people = [row for row in analysis.study_data.participants if row.simulated is simulated]
     trials = [row for row in analysis.study_data.trials if row.simulated is simulated]
-    unknown = _in_state(people, UNKNOWN_PARTICIPATION)
+    unknown = _in_state(people, UNKNOWN_PARTICIPATION_STATE)
     metrics = {
         "Participants": len(people),
         "completed the study": _in_state(people, "completed"),
@@ -216,9 +225,11 @@ def _counts(analysis: StudyAnalysis, simulated: bool) -> Markup:
     also = " or whose consent is unknown" if unknown else ""
     caption = f"Participants, including those who withdrew{also}, who are in no analysis"
     left_out = [f"{row.participant}, trial {row.position}: {row.left_out}." for row in trials if row.left_out]
-    listed = [tag("p", "Excluded from the analyses:"), bullet_list(left_out)] if left_out else []
-    shown = table(group_caption(caption, simulated), heads, rows, numbers=range(len(heads) - 7, len(heads)))
-    return join_markup([definition_list(metrics), *listed, shown])
+    listed = [tag("p", "Excluded from the analyses:"), render_bullet_list(left_out)] if left_out else []
+    shown = render_table(
+        format_group_caption(caption, simulated), heads, rows, numbers=range(len(heads) - 7, len(heads))
+    )
+    return join_markup([render_definition_list(metrics), *listed, shown])
 
 
 def _in_state(people: Sequence[ParticipantRow], state: str) -> int:
@@ -233,18 +244,18 @@ def _facts(analysis: StudyAnalysis) -> Markup:
         for name, text in msgspec.structs.asdict(design.reporting).items()
     }
     rows = given | {
-        "Task text for participants": describe_by_design(session_designs, design, _goals),
-        "Real seat": describe_by_design(session_designs, design, _seat),
-        "Real mattress": describe_by_design(session_designs, design, _mattress),
+        "Task text for participants": describe_session_designs(session_designs, design, _goals),
+        "Real seat": describe_session_designs(session_designs, design, _seat),
+        "Real mattress": describe_session_designs(session_designs, design, _mattress),
     }
-    words = bullet_list([f"{name}: {text}" for name, text in rows.items()])
+    words = render_bullet_list([f"{name}: {text}" for name, text in rows.items()])
     note = "Values come from recordings if there are any."
-    planned = [] if analysis.frozen_plan else [tag("p", NO_PLAN_TEXT)]
+    planned = [] if analysis.plan_with_deviations else [tag("p", NO_PLAN_TEXT)]
     return tag("section", tag("h2", "About the study"), words, tag("p", note), *planned, id="facts")
 
 
 def _goals(design: Design) -> str:
-    return " ".join(f"{task}: {design.instruction_of_task(task)}" for task in design.tasks)
+    return " ".join(f"{task}: {design.find_task_instruction(task)}" for task in design.tasks)
 
 
 def _seat(design: Design) -> str:
@@ -261,11 +272,11 @@ def _problems(analysis: StudyAnalysis) -> Markup:
         places.setdefault((row.what, row.consequence), []).append(row.where)
     lines = [_problem(what, consequence, where) for (what, consequence), where in places.items()]
     text = (
-        count_text(len(analysis.study_data.problems), "problem") + ":"
+        format_count(len(analysis.study_data.problems), "problem") + ":"
         if lines
         else "None: every recording is present, complete and consistent."
     )
-    body = [tag("p", text), bullet_list(lines)] if lines else [tag("p", text)]
+    body = [tag("p", text), render_bullet_list(lines)] if lines else [tag("p", text)]
     return tag("section", tag("h2", "Problems"), *body, id="problems")
 
 
@@ -273,7 +284,9 @@ def _problem(what: str, consequence: str, where: Sequence[str]) -> Markup:
     """Returns one data problem with all its places, such as trials. Several places are shown as a folded list."""
     if len(where) == 1:
         return tag("span", f"{where[0]} {what}: {consequence}.")
-    return tag("details", tag("summary", f"{len(where)} times: {what}: {consequence}."), bullet_list(where))
+    return tag(
+        "details", tag("summary", f"{len(where)} times: {what}: {consequence}."), render_bullet_list(where)
+    )
 
 
 METHOD_TEXTS = (
@@ -294,7 +307,7 @@ METHOD_TEXTS = (
     "Primary results: p is corrected over all of them by a step-down sign-flip permutation test, which flips all "
     "differences of a participant together (Westfall and Young, 1993; Romano and Wolf, 2005). Models and unpaired "
     "tests that a plan makes primary have Holm's correction. If a plan has both, each corrected p is doubled.",
-    f"Training populations: {PEOPLE_PER_TASK} people sampled for each task and population, seed "
+    f"Training populations: {SAMPLED_PEOPLE_PER_TASK} people sampled for each task and population, seed "
     f"{TRAINING_POPULATION_SEED}.",
     "Head positions and torso heights: signed-rank tests pair each trial with a sampled person, as in the paper. "
     "Mann-Whitney and energy distance tests compare one value per participant with all sampled people. Means of "
@@ -311,10 +324,10 @@ def _methods(analysis: StudyAnalysis) -> Markup:
     return tag(
         "section",
         tag("h2", "Methods"),
-        bullet_list(
+        render_bullet_list(
             (*METHOD_TEXTS, *MODELS_METHOD_TEXT, *commands, REPEATS_METHOD_TEXT, LATENCY_METHOD_TEXT)
         ),
-        headset_section(analysis.headset_checks),
+        render_headset_section(analysis.headset_checks),
         tag("p", more),
         id="methods",
     )

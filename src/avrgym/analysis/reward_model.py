@@ -17,17 +17,17 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.learning.preference_reward import FORCE_TERM
-from avrgym.study.export.trials import completed_attempts
+from avrgym.study.export.exported_attempts import list_completed_attempts
 from avrgym.study.storage.remote_recordings import fetch_recordings
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from avrgym.system.files import write_atomically
 
-COMFORT_ITEMS = ("L2", "L3")
+COMFORT_ITEM_NAMES = ("L2", "L3")
 """Item ids of the paper's statements about comfort and safety."""
 RIDGE_PENALTY = 1.0
 """Strength of the ridge penalty on squared weights of standardised reward terms."""
-NEWTON_STEPS = 30
+NEWTON_ITERATIONS = 30
 MIN_PARTICIPANTS = 3
 """Minimum number of participants with comparisons for a fit."""
 
@@ -36,15 +36,15 @@ MIN_PARTICIPANTS = 3
 class RatedTrial:
     """A completed trial with the participant's rating.
 
-    ``rating``: sum of the answers. ``terms``: mean of each reward term over control steps. ``reward``: mean of the
-    task's reward over control steps.
+    ``rating``: sum of the answers. ``mean_reward_terms``: mean of each reward term over control steps.
+    ``mean_reward``: mean of the task's reward over control steps.
     """
 
     participant: str
     task: str
     rating: float
-    terms: Mapping[str, float]
-    reward: float
+    mean_reward_terms: Mapping[str, float]
+    mean_reward: float
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class RewardModel:
     simulated: bool
 
 
-def fit_reward(store: Store, items: Sequence[str] = COMFORT_ITEMS) -> list[RewardModel]:
+def fit_reward_models(store: StudyStore, items: Sequence[str] = COMFORT_ITEM_NAMES) -> list[RewardModel]:
     """Returns a reward model for each task of a study with comparisons of at least ``MIN_PARTICIPANTS`` participants.
 
     Simulated participants are used only if there are no people. Practice trials are not used.
@@ -91,12 +91,16 @@ def fit_reward(store: Store, items: Sequence[str] = COMFORT_ITEMS) -> list[Rewar
 
 def fit_reward_model(task: str, trials: Sequence[RatedTrial], *, simulated: bool) -> RewardModel | None:
     """Returns the reward model of a task; ``None`` with fewer than ``MIN_PARTICIPANTS`` participants."""
-    pairs = list(compare(trials))
+    pairs = list(find_preference_pairs(trials))
     people = list(dict.fromkeys(better.participant for better, _ in pairs))
     if len(people) < MIN_PARTICIPANTS:
         return None
-    names = [name for name in trials[0].terms if all(name in trial.terms for trial in trials)]
-    values = {id(trial): np.array([trial.terms[name] for name in names]) for trial in trials}
+    names = [
+        name
+        for name in trials[0].mean_reward_terms
+        if all(name in trial.mean_reward_terms for trial in trials)
+    ]
+    values = {id(trial): np.array([trial.mean_reward_terms[name] for name in names]) for trial in trials}
     scale: FloatArray = np.std(np.array([*values.values()]), axis=0)
     scale[scale == 0.0] = np.inf
     differences = np.array([values[id(better)] - values[id(worse)] for better, worse in pairs]) / scale
@@ -107,7 +111,7 @@ def fit_reward_model(task: str, trials: Sequence[RatedTrial], *, simulated: bool
             for each in people
         ]
     )
-    reward = _credit(np.array([better.reward - worse.reward for better, worse in pairs]))
+    reward = _credit(np.array([better.mean_reward - worse.mean_reward for better, worse in pairs]))
     weights: list[float] = (fit_reward_weights(differences) / scale).tolist()
     return RewardModel(
         task,
@@ -120,7 +124,7 @@ def fit_reward_model(task: str, trials: Sequence[RatedTrial], *, simulated: bool
     )
 
 
-def compare(trials: Iterable[RatedTrial]) -> Iterable[tuple[RatedTrial, RatedTrial]]:
+def find_preference_pairs(trials: Iterable[RatedTrial]) -> Iterable[tuple[RatedTrial, RatedTrial]]:
     """Yields pairs of trials of the same participant: first the trial with the higher rating. Ties are omitted."""
     for first, second in combinations(trials, 2):
         if first.participant == second.participant and first.rating != second.rating:
@@ -134,7 +138,7 @@ def fit_reward_weights(differences: FloatArray) -> FloatArray:
     makes the solution unique.
     """
     weights = np.zeros(differences.shape[1])
-    for _ in range(NEWTON_STEPS):
+    for _ in range(NEWTON_ITERATIONS):
         wrong = 1.0 / (1.0 + np.exp(np.clip(differences @ weights, -30.0, 30.0)))
         gradient = differences.T @ wrong - RIDGE_PENALTY * weights
         curvature = (differences.T * (wrong * (1.0 - wrong))) @ differences + RIDGE_PENALTY * np.eye(
@@ -157,15 +161,15 @@ def _credit(margins: FloatArray) -> FloatArray:
     return (np.sign(margins) + 1.0) / 2.0
 
 
-def _rated_trials(store: Store, items: Sequence[str]) -> tuple[bool, list[RatedTrial]]:
-    attempts = [each for each in completed_attempts(store) if not each.trial.practice]
+def _rated_trials(store: StudyStore, items: Sequence[str]) -> tuple[bool, list[RatedTrial]]:
+    attempts = [each for each in list_completed_attempts(store) if not each.trial.practice]
     simulated = all(each.participant.simulated for each in attempts)
     found: list[RatedTrial] = []
     for exported in attempts:
         answers = {answer.item: answer.value for answer in exported.answers}
         if exported.participant.simulated != simulated or not set(items) <= set(answers):
             continue
-        steps = [control for _, control in exported.control_steps()]
+        steps = [control for _, control in exported.read_control_steps()]
         terms = {
             name: fmean(step.reward_terms.get(name, 0.0) for step in steps) for name in steps[0].reward_terms
         }

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated
 
-from avrgym.analysis.columns import AT_LEAST_0, SessionNumber
-from avrgym.analysis.page.elements import Markup, group_caption, table, tag
-from avrgym.analysis.reading.rows import ParticipantColumns, ParticipantRow
+from avrgym.analysis.column_types import AT_LEAST_0_TEXT, SessionNumber
+from avrgym.analysis.page.html_elements import Markup, format_group_caption, render_table, tag
+from avrgym.analysis.reading.table_rows import ParticipantColumns, ParticipantRow
 from avrgym.study.storage.session_summary import summarise_sessions
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from avrgym.system.columns import Column
 
 
@@ -21,13 +21,13 @@ class SessionRow(ParticipantColumns):
     day: Annotated[
         int, Column("Day of the session. Day 1 is the day of the first session, in UTC.", allowed="from 1")
     ]
-    trials: Annotated[int, Column("Number of completed trials.", allowed=AT_LEAST_0)]
-    minutes: Annotated[float, Column("Time in VR.", unit="min", allowed=AT_LEAST_0)]
-    breaks: Annotated[int, Column("Number of breaks.", allowed=AT_LEAST_0)]
+    trials: Annotated[int, Column("Number of completed trials.", allowed=AT_LEAST_0_TEXT)]
+    minutes: Annotated[float, Column("Time in VR.", unit="min", allowed=AT_LEAST_0_TEXT)]
+    breaks: Annotated[int, Column("Number of breaks.", allowed=AT_LEAST_0_TEXT)]
     state: Annotated[str, Column("State of the session.")]
 
 
-def session_rows(store: Store, participants: Sequence[ParticipantRow]) -> list[SessionRow]:
+def make_session_rows(store: StudyStore, participants: Sequence[ParticipantRow]) -> list[SessionRow]:
     """Returns a row for each session of the participants, in order."""
     rows: list[SessionRow] = []
     for participant in participants:
@@ -50,7 +50,7 @@ def session_rows(store: Store, participants: Sequence[ParticipantRow]) -> list[S
     return rows
 
 
-def sessions_section(rows: Sequence[SessionRow], simulated: bool) -> Markup:
+def render_sessions_section(rows: Sequence[SessionRow], simulated: bool) -> Markup:
     """Returns the report section; empty if no participant had several sessions or a break."""
     own = [row for row in rows if row.simulated is simulated]
     if not any(row.session > 1 or row.breaks for row in own):
@@ -64,5 +64,5 @@ def sessions_section(rows: Sequence[SessionRow], simulated: bool) -> Markup:
     return tag(
         "section",
         tag("h3", "Sessions"),
-        table(group_caption(caption, simulated), heads, body, numbers=range(1, 6)),
+        render_table(format_group_caption(caption, simulated), heads, body, numbers=range(1, 6)),
     )

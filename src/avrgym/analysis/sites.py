@@ -5,16 +5,16 @@ from dataclasses import asdict, dataclass
 from itertools import product
 from typing import Annotated
 
-from avrgym.analysis.answers.scores import score_test_families
-from avrgym.analysis.answers.session_answers import session_test_families
-from avrgym.analysis.answers.trial_answers import answer_test_families
-from avrgym.analysis.columns import (
+from avrgym.analysis.answers.scores import compute_score_test_families
+from avrgym.analysis.answers.session_answers import compute_session_test_families
+from avrgym.analysis.answers.trial_answers import compute_answer_test_families
+from avrgym.analysis.column_types import (
     EffectSize,
     EffectSizeHigh,
     EffectSizeLow,
     FamilyName,
-    GroupA,
-    GroupB,
+    GroupAName,
+    GroupBName,
     IsSimulated,
     MedianA,
     MedianB,
@@ -22,17 +22,17 @@ from avrgym.analysis.columns import (
     ValueCount,
     ZeroDifferenceCount,
 )
-from avrgym.analysis.outcomes.outcomes import ConditionOutcome, condition_outcome
-from avrgym.analysis.page.elements import (
+from avrgym.analysis.outcomes.condition_outcomes import ConditionOutcome, compute_condition_outcome
+from avrgym.analysis.page.html_elements import (
     Markup,
-    effect_size_text,
-    group_caption,
-    percent_text,
-    short_number_text,
-    table,
+    format_effect_size,
+    format_group_caption,
+    format_percentage,
+    format_short_number,
+    render_table,
     tag,
 )
-from avrgym.analysis.reading.rows import ALL_LABEL, AnswerRow, ParticipantRow, ScoreRow, TrialRow
+from avrgym.analysis.reading.table_rows import ALL_LABEL, AnswerRow, ParticipantRow, ScoreRow, TrialRow
 from avrgym.analysis.statistics.comparisons import PARTICIPANT_UNIT, ComparisonRow
 from avrgym.study.design.design import Design
 from avrgym.system.columns import Column
@@ -55,8 +55,8 @@ class SiteEffectRow:
     site: SiteLabel
     family: FamilyName
     quantity: QuantityName
-    group_a: GroupA
-    group_b: GroupB
+    group_a: GroupAName
+    group_b: GroupBName
     n: ValueCount
     zeros: ZeroDifferenceCount
     median_a: MedianA
@@ -70,31 +70,33 @@ NO_SITE_LABEL = "no site"
 """Site name of participants without a site."""
 
 
-def site_outcome_rows(design: Design, trials: Sequence[TrialRow]) -> list[SiteOutcomeRow]:
+def make_site_outcome_rows(design: Design, trials: Sequence[TrialRow]) -> list[SiteOutcomeRow]:
     """Returns the results of each condition at each site; empty for a single site."""
     rows: list[SiteOutcomeRow] = []
     for simulated, site in _sites(trials):
         own = [
-            row for row in trials if row.counted and row.simulated is simulated and site_label(row) == site
+            row
+            for row in trials
+            if row.counted and row.simulated is simulated and find_site_label(row) == site
         ]
         for task, robot, policy in product((*design.tasks, ALL_LABEL), design.robots, design.policies):
-            found = condition_outcome(own, simulated, task, robot, policy)
+            found = compute_condition_outcome(own, simulated, task, robot, policy)
             rows.append(SiteOutcomeRow(site=site, **asdict(found)))
     return rows
 
 
-def site_effect_rows(
+def make_site_effect_rows(
     design: Design, trials: Sequence[TrialRow], answers: Sequence[AnswerRow], scores: Sequence[ScoreRow]
 ) -> list[SiteEffectRow]:
     """Returns effect sizes of answers and scores at each site; empty for a single site."""
     rows: list[SiteEffectRow] = []
     for simulated, site in _sites(trials):
-        given = [row for row in answers if row.simulated is simulated and site_label(row) == site]
-        scored = [row for row in scores if row.simulated is simulated and site_label(row) == site]
+        given = [row for row in answers if row.simulated is simulated and find_site_label(row) == site]
+        scored = [row for row in scores if row.simulated is simulated and find_site_label(row) == site]
         families = [
-            *answer_test_families(design, given),
-            *session_test_families(design, given),
-            *score_test_families(design, scored),
+            *compute_answer_test_families(design, given),
+            *compute_session_test_families(design, given),
+            *compute_score_test_families(design, scored),
         ]
         rows += [
             _site_effect(site, row)
@@ -105,7 +107,7 @@ def site_effect_rows(
     return rows
 
 
-def site_label(row: ParticipantRow | TrialRow | AnswerRow | ScoreRow) -> str:
+def find_site_label(row: ParticipantRow | TrialRow | AnswerRow | ScoreRow) -> str:
     """Returns the site name in a row; ``NO_SITE_LABEL`` if the row has no site."""
     return row.site or NO_SITE_LABEL
 
@@ -113,7 +115,7 @@ def site_label(row: ParticipantRow | TrialRow | AnswerRow | ScoreRow) -> str:
 def _sites(trials: Sequence[TrialRow]) -> Iterator[tuple[bool, str]]:
     """Yields (simulated, site name) for each site of a group. A group with a single site is omitted."""
     for simulated in (False, True):
-        sites = sorted({site_label(row) for row in trials if row.counted and row.simulated is simulated})
+        sites = sorted({find_site_label(row) for row in trials if row.counted and row.simulated is simulated})
         if len(sites) > 1:
             yield from ((simulated, site) for site in sites)
 
@@ -142,7 +144,7 @@ SITES_METHOD_TEXT = (
 )
 
 
-def sites_section(
+def render_sites_section(
     participants: Sequence[ParticipantRow],
     trials: Sequence[TrialRow],
     outcomes: Sequence[SiteOutcomeRow],
@@ -169,17 +171,21 @@ def _participants_table(
     body = [
         (
             site,
-            sum(site_label(row) == site for row in people),
+            sum(find_site_label(row) == site for row in people),
             *(
-                sum(site_label(row) == site and row.state == state for row in people)
+                sum(find_site_label(row) == site and row.state == state for row in people)
                 for state in ("completed", "withdrawn")
             ),
-            sum(site_label(row) == site and row.counted and row.simulated is simulated for row in trials),
+            sum(
+                find_site_label(row) == site and row.counted and row.simulated is simulated for row in trials
+            ),
         )
-        for site in sorted({site_label(row) for row in people})
+        for site in sorted({find_site_label(row) for row in people})
     ]
     heads = ("Site", "Participants", "completed the study", "withdrew", "Trials in the analyses")
-    return table(group_caption("Participants of each site", simulated), heads, body, numbers=range(1, 5))
+    return render_table(
+        format_group_caption("Participants of each site", simulated), heads, body, numbers=range(1, 5)
+    )
 
 
 def _outcomes_table(outcomes: Sequence[SiteOutcomeRow], simulated: bool) -> Markup:
@@ -189,14 +195,16 @@ def _outcomes_table(outcomes: Sequence[SiteOutcomeRow], simulated: bool) -> Mark
             row.robot,
             row.policy,
             row.trials,
-            percent_text(row.success_rate, row.success_low, row.success_high),
+            format_percentage(row.success_rate, row.success_low, row.success_high),
         )
         for row in outcomes
         if row.simulated is simulated and row.task == ALL_LABEL
     ]
     heads = ("Site", "Robot", "Policy", "Trials", "Success")
-    caption = group_caption("Success over all tasks at each site, with 95 % confidence intervals", simulated)
-    return table(caption, heads, body, numbers=(3, 4))
+    caption = format_group_caption(
+        "Success over all tasks at each site, with 95 % confidence intervals", simulated
+    )
+    return render_table(caption, heads, body, numbers=(3, 4))
 
 
 def _effects_table(effects: Sequence[SiteEffectRow], simulated: bool) -> Markup:
@@ -205,10 +213,12 @@ def _effects_table(effects: Sequence[SiteEffectRow], simulated: bool) -> Markup:
         (
             row.family, row.quantity, f"{row.group_a} / {row.group_b}", row.site,
             f"{row.n} + {row.zeros} zero" if row.zeros else row.n,
-            f"{short_number_text(row.median_a)} / {short_number_text(row.median_b)}",
-            effect_size_text(row.effect, row.effect_low, row.effect_high),
+            f"{format_short_number(row.median_a)} / {format_short_number(row.median_b)}",
+            format_effect_size(row.effect, row.effect_low, row.effect_high),
         )
         for row in sorted(rows, key=lambda row: (row.family, row.quantity, row.group_a, row.group_b, row.site))
     ]  # fmt: skip
     heads = ("Question", "Quantity", "Groups", "Site", "n", "Medians", "Effect size [95 % CI]")
-    return table(group_caption("Effect sizes at each site", simulated), heads, body, numbers=(4, 5, 6))
+    return render_table(
+        format_group_caption("Effect sizes at each site", simulated), heads, body, numbers=(4, 5, 6)
+    )

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from avrgym.analysis.reading.rows import ParticipantRow
-from avrgym.analysis.reading.trial_series import TrialSeries
+from avrgym.analysis.reading.table_rows import ParticipantRow
+from avrgym.analysis.reading.trial_time_series import TrialTimeSeries
 from avrgym.study.design.design import Design
-from avrgym.study.export.codebook import table_columns
+from avrgym.study.export.codebook import list_table_columns
 from avrgym.study.export.table_files import escape_formula
-from avrgym.system.columns import NUMBER, Column, columns_of
+from avrgym.system.columns import NUMBER, Column, describe_columns
 from avrgym.system.files import open_new_csv
 
 
@@ -26,7 +26,7 @@ class Table:
     @classmethod
     def from_rows(cls, name: str, kind: type, rows: Iterable[object]) -> "Table":
         """Returns a table from ``rows``, which are instances of the dataclass ``kind``."""
-        return cls(name, columns_of(kind), [vars(row) for row in rows])
+        return cls(name, describe_columns(kind), [vars(row) for row in rows])
 
     def write(self, folder: Path) -> None:
         """Write the table as a CSV file into a folder.
@@ -39,8 +39,10 @@ class Table:
             writer.writerows([escape_formula(row[column]) for column in self.columns] for row in self.rows)
 
 
-def control_steps_table(
-    series: Mapping[tuple[str, int], TrialSeries], participants: Mapping[str, ParticipantRow], design: Design
+def make_control_steps_table(
+    series: Mapping[tuple[str, int], TrialTimeSeries],
+    participants: Mapping[str, ParticipantRow],
+    design: Design,
 ) -> Table:
     """Returns the table of all control steps, with unweighted reward terms. The cells of other tasks' terms are
     empty."""
@@ -52,7 +54,7 @@ def control_steps_table(
     }
     labels = ("participant", "site", "simulated", "position")
     metrics = ("step", "time_s", "reward", "success", "distance_m", "force_on_person_n")
-    known = table_columns("control_steps", design)
+    known = list_table_columns("control_steps", design)
     unknown = Column(
         "Reward term of another version, not weighted.", NUMBER, "1", empty="the task has no such term"
     )
@@ -61,7 +63,7 @@ def control_steps_table(
 
 
 def _steps(
-    series: Mapping[tuple[str, int], TrialSeries],
+    series: Mapping[tuple[str, int], TrialTimeSeries],
     participants: Mapping[str, ParticipantRow],
     terms: Sequence[str],
 ) -> Iterator[Mapping[str, Any]]:

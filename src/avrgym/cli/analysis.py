@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from avrgym.cli.activity_log import log_command
-from avrgym.cli.progress import progress_bar
+from avrgym.cli.audit_log import log_command
+from avrgym.cli.progress import show_progress_bar
 from avrgym.cli.terminal import (
     JsonFileOption,
     check_json_file,
@@ -33,20 +33,20 @@ def analyze(
 
     An earlier analysis in the same folder is replaced.
     """
-    from avrgym.analysis.output import check_output_folder, write_analysis
-    from avrgym.analysis.study import analyse_study
-    from avrgym.study.storage.store import Store
+    from avrgym.analysis.output_files import check_output_folder, write_analysis
+    from avrgym.analysis.study_analysis import analyse_study
+    from avrgym.study.storage.store import StudyStore
 
     place = out or folder / ANALYSIS_FOLDER
-    with report_errors(), Store(folder) as store:
+    with report_errors(), StudyStore(folder) as store:
         check_json_file(json_file)
         check_output_folder(place)
-        with progress_bar("reading recordings", unit="recordings") as bar:
+        with show_progress_bar("reading recordings", unit="recordings") as bar:
             analysis = analyse_study(store, bar.update, skip_damaged=skip_damaged)
         log_command(store, "analyze", shows_results=True)
-        with progress_bar("writing tables, figures and report"):
+        with show_progress_bar("writing tables, figures and report"):
             report = write_analysis(analysis, folder, place)
-        write_json(json_file, analysis.results())
+        write_json(json_file, analysis.make_results())
     print_line(f"report    {report}")
     if problems := len(analysis.study_data.problems) + len(analysis.design_differences):
         print_line(f"problems: {problems}; the report lists each")
@@ -69,11 +69,11 @@ def fit_reward(
     In a comparison of two trials, the trial with the higher sum of answers is preferred. The accuracy for each
     participant is computed with weights that are fitted to all other participants.
     """
-    from avrgym.analysis.reward_model import COMFORT_ITEMS, fit_reward, write_reward_models
-    from avrgym.study.storage.store import Store
+    from avrgym.analysis.reward_model import COMFORT_ITEM_NAMES, fit_reward_models, write_reward_models
+    from avrgym.study.storage.store import StudyStore
 
-    with report_errors(), Store(folder) as store:
-        models = fit_reward(store, item or COMFORT_ITEMS)
+    with report_errors(), StudyStore(folder) as store:
+        models = fit_reward_models(store, item or COMFORT_ITEM_NAMES)
         log_command(store, "fit-reward", shows_results=True)
         write_reward_models(models, out)
         columns = ("task", "participants", "comparisons", "accuracy", "accuracy_of_reward", "simulated")

@@ -8,26 +8,26 @@ from typing import Annotated, Any
 import typer
 
 from avrgym.cli.options import EngineOption, select_environments
-from avrgym.cli.progress import duration_text, progress_bar
+from avrgym.cli.progress import format_duration, show_progress_bar
 from avrgym.cli.terminal import (
     JsonFileOption,
     check_json_file,
     print_line,
-    print_skipped,
+    print_skipped_item,
     print_table,
     report_errors,
     write_json,
 )
-from avrgym.policies.names import OPERATOR_POLICY, POLICY_CHOICES
-from avrgym.system.engines import THREADS
-from avrgym.tasks.constants import skippable_errors
+from avrgym.policies.policy_names import OPERATOR_POLICY_NAME, POLICY_CHOICES_TEXT
+from avrgym.system.engine_names import THREADS
+from avrgym.tasks.constants import list_skippable_errors
 
 MetricsRow = dict[str, Any]
 app = typer.Typer(no_args_is_help=True, help="Measure speeds on this computer.")
 
 
 @app.command("sim")
-def bench_sim(
+def benchmark_simulation(
     env: Annotated[
         list[str] | None, typer.Option(help="An environment id; repeatable; default: all environments.")
     ] = None,
@@ -35,14 +35,14 @@ def bench_sim(
     engine: EngineOption = THREADS,
     json_file: JsonFileOption = None,
 ) -> None:
-    """Measure the simulation speed of whole episodes and of their physics alone.
+    """Measure the speed of episodes and of physics alone.
 
     The results are medians of five runs. Run no other programs at the same time.
     """
     from avrgym.envs.benchmark import NUM_RUNS, measure_simulation_speed
 
     def row(environment: str) -> MetricsRow:
-        with progress_bar(f"measuring {environment}", NUM_RUNS, "runs") as bar:
+        with show_progress_bar(f"measuring {environment}", NUM_RUNS, "runs") as bar:
             return asdict(measure_simulation_speed(environment, num_envs, bar.advance, engine))
 
     with report_errors():
@@ -50,13 +50,13 @@ def bench_sim(
 
 
 @app.command("cameras")
-def bench_cameras(
+def benchmark_cameras(
     env: Annotated[
         list[str] | None, typer.Option(help="An environment id; repeatable; default: FeedingJaco.")
     ] = None,
     json_file: JsonFileOption = None,
 ) -> None:
-    """Measure images per second of the wrist camera, by kind and size of image.
+    """Measure images per second, by kind and size.
 
     Run no other programs at the same time.
     """
@@ -71,7 +71,7 @@ def bench_cameras(
 
 
 @app.command("vr")
-def bench_vr(
+def benchmark_vr(
     env: Annotated[
         list[str] | None, typer.Option(help="An environment id; repeatable; default: all environments.")
     ] = None,
@@ -81,8 +81,8 @@ def bench_vr(
     policy: Annotated[
         str | None,
         typer.Option(
-            help=f"The policy that drives the robot, by default an untrained network: {POLICY_CHOICES}; or "
-            f"{OPERATOR_POLICY}: a demonstrator steers with a second headset."
+            help=f"The policy that drives the robot, by default an untrained network: {POLICY_CHOICES_TEXT}; or "
+            f"{OPERATOR_POLICY_NAME}: a demonstrator steers with a second headset."
         ),
     ] = None,
     json_file: JsonFileOption = None,
@@ -94,8 +94,8 @@ def bench_vr(
     from avrgym.vr.benchmark.live_latency import measure_live_latency
 
     def row(environment: str) -> MetricsRow:
-        print_line(f"measuring {environment} for {duration_text(seconds)}")
-        with progress_bar(environment):
+        print_line(f"measuring {environment} for {format_duration(seconds)}")
+        with show_progress_bar(environment):
             return asdict(measure_live_latency(environment, seconds, policy))
 
     with report_errors():
@@ -147,11 +147,11 @@ def _tabulate(
     for environment in select_environments(environments, every):
         try:
             rows.append(row(environment))
-        except skippable_errors(environment) as error:
+        except list_skippable_errors(environment) as error:
             if not every:
                 raise
             failed.append(error)
-            print_skipped(environment, error)
+            print_skipped_item(environment, error)
     if not rows:
         raise failed[0]
     print_table([shown(each) for each in rows])

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from avrgym.cli.options import SeedOption
-from avrgym.cli.progress import progress_bar
+from avrgym.cli.progress import show_progress_bar
 from avrgym.cli.terminal import print_line, report_errors
 
 
@@ -40,7 +40,7 @@ def clone(
 
         read = behaviour_cloning.read_episodes(env, datasets, episodes)
         loss = 0.0
-        with progress_bar("cloning", behaviour_cloning.GRADIENT_STEPS, "steps") as bar:
+        with show_progress_bar("cloning", behaviour_cloning.GRADIENT_STEPS, "steps") as bar:
 
             def report(steps: int, latest: float) -> None:
                 nonlocal loss

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from avrgym.cli.options import (
-    ALLOWED_PEOPLE,
+    ALLOWED_PEOPLE_TEXT,
     EpisodeStepsOption,
     ImpairmentOption,
     LanOption,
@@ -14,12 +14,12 @@ from avrgym.cli.options import (
     SeedOption,
     SettingsOption,
 )
-from avrgym.cli.progress import CONTINUE_HINT, progress_bar
+from avrgym.cli.progress import CONTINUE_HINT, show_progress_bar
 from avrgym.cli.serve import wait_for_server
 from avrgym.cli.terminal import print_line, report_errors
-from avrgym.policies.names import OPERATOR_POLICY, POLICY_CHOICES
+from avrgym.policies.policy_names import OPERATOR_POLICY_NAME, POLICY_CHOICES_TEXT
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.vr.server.addresses import ALL_INTERFACES, DEFAULT_PORT, LOOPBACK_HOSTS
+from avrgym.vr.server.network_addresses import ALL_INTERFACES, DEFAULT_PORT, LOOPBACK_HOSTS
 
 if TYPE_CHECKING:
     from avrgym.vr.demonstration.episode_worlds import DemonstrationPlan
@@ -36,7 +36,7 @@ def demonstrate(
     people: Annotated[
         list[str] | None,
         typer.Option(
-            help=f"A population; repeatable: the people alternate. Default: participants. {ALLOWED_PEOPLE}."
+            help=f"A population; repeatable: the people alternate. Default: participants. {ALLOWED_PEOPLE_TEXT}."
         ),
     ] = None,
     impairment: ImpairmentOption = "none",
@@ -49,9 +49,9 @@ def demonstrate(
     policy: Annotated[
         str,
         typer.Option(
-            help=f"The policy that drives until you take over to correct it: {POLICY_CHOICES}. Default: you drive."
+            help=f"The policy that drives until you take over to correct it: {POLICY_CHOICES_TEXT}. Default: you drive."
         ),
-    ] = OPERATOR_POLICY,
+    ] = OPERATOR_POLICY_NAME,
     simulated: Annotated[
         bool,
         typer.Option(
@@ -99,9 +99,12 @@ def demonstrate(
             _simulate(plan, folder, driver)
         else:
             _serve(plan, folder, driver, port, lan=lan)
-        recorded, successes = folder.count("completed"), folder.count("completed", success=True)
+        recorded, successes = (
+            folder.count_episodes("completed"),
+            folder.count_episodes("completed", success=True),
+        )
         print_line(
-            f"{out}: {recorded} episodes, {successes} successes, {folder.count('discarded')} discarded"
+            f"{out}: {recorded} episodes, {successes} successes, {folder.count_episodes('discarded')} discarded"
         )
         if successes:
             print_line("Write them as a LeRobot dataset")
@@ -114,7 +117,7 @@ def _make_driver(plan: "DemonstrationPlan", *, background: bool) -> "OperatorDri
     from avrgym.vr.live_world.corrected_driver import CorrectedDriver
     from avrgym.vr.live_world.drivers import OperatorDriver
 
-    if plan.policy == OPERATOR_POLICY:
+    if plan.policy == OPERATOR_POLICY_NAME:
         return OperatorDriver()
     policy = resolve_session_policy(plan.policy, plan.environment, plan.settings)
     return CorrectedDriver(policy, plan.policy, background=background)
@@ -122,14 +125,18 @@ def _make_driver(plan: "DemonstrationPlan", *, background: bool) -> "OperatorDri
 
 def _simulate(plan: "DemonstrationPlan", folder: "DemonstrationFolder", driver: "OperatorDriver") -> None:
     from avrgym.vr.demonstration.session import DemonstrationSession
-    from avrgym.vr.demonstration.simulated import demonstrate as run
-    from avrgym.vr.session.preparation import ImmediateExecutor
+    from avrgym.vr.demonstration.simulated_session import (
+        record_simulated_demonstrations as record_simulated_demonstrations,
+    )
+    from avrgym.vr.session.world_preparation import ImmediateExecutor
 
     session = DemonstrationSession(
         plan, folder, lambda message: None, ImmediateExecutor(), driver=driver, driven_by="simulated"
     )
-    with progress_bar("demonstrations", plan.episodes, "episodes", CONTINUE_HINT) as bar:
-        run(session, plan.seed, progress=lambda: bar.update(folder.count("completed")))
+    with show_progress_bar("demonstrations", plan.episodes, "episodes", CONTINUE_HINT) as bar:
+        record_simulated_demonstrations(
+            session, plan.seed, progress=lambda: bar.update(folder.count_episodes("completed"))
+        )
 
 
 def _serve(
@@ -142,12 +149,12 @@ def _serve(
 ) -> None:
     from concurrent.futures import ThreadPoolExecutor
 
-    from avrgym.system.files import user_data_folder
+    from avrgym.system.files import get_user_data_folder
     from avrgym.vr.demonstration.session import DemonstrationSession
-    from avrgym.vr.server.certificate import lan_host_names, load_or_create_certificate
+    from avrgym.vr.server.certificate import find_lan_host_names, load_or_create_certificate
     from avrgym.vr.server.live_server import LiveServer
 
-    certificate = load_or_create_certificate(lan_host_names(), user_data_folder()) if lan else None
+    certificate = load_or_create_certificate(find_lan_host_names(), get_user_data_folder()) if lan else None
     host = ALL_INTERFACES if lan else LOOPBACK_HOSTS[0]
     with (
         ThreadPoolExecutor(1) as workers,
@@ -158,14 +165,14 @@ def _serve(
             certificate,
         ) as server,
     ):
-        server.export_next_scene()
+        server.export_newest_scene()
         print_line(
             "Open this address in the headset's browser, or in Chrome on this computer. Stop with Ctrl+C."
         )
-        for url in server.page_urls("demonstrator", server.tokens.demonstrator):
+        for url in server.list_page_urls("demonstrator", server.tokens.demonstrator):
             print_line(f"    {url}")
         print_line("Headset on a USB cable (Quest, Pico): run this first")
         print_line(f"    adb reverse tcp:{server.port} tcp:{server.port}")
         print_line("Spectators")
-        print_line(f"    {server.page_urls('spectator', server.tokens.spectator)[0]}")
+        print_line(f"    {server.list_page_urls('spectator', server.tokens.spectator)[0]}")
         wait_for_server(server)

@@ -7,9 +7,9 @@ from typing import Annotated, Any
 import typer
 
 from avrgym.cli.options import (
-    ALLOWED_PEOPLE,
+    ALLOWED_PEOPLE_TEXT,
     AllowOtherSettingsOption,
-    Cluster,
+    ClusterOption,
     EngineOption,
     EpisodeStepsOption,
     ForceGuardOption,
@@ -17,25 +17,25 @@ from avrgym.cli.options import (
     SeedOption,
     SettingsOption,
     WithdrawAfterSuccessOption,
-    cluster_connection,
+    connect_cluster,
     select_environments,
 )
-from avrgym.cli.progress import progress_bar
+from avrgym.cli.progress import show_progress_bar
 from avrgym.cli.terminal import (
     JobsOption,
     JsonFileOption,
     check_json_file,
     print_line,
     print_region_forces,
-    print_skipped,
+    print_skipped_item,
     print_table,
     print_warning,
     report_errors,
     write_json,
 )
 from avrgym.people.population_names import POPULATION_NAMES
-from avrgym.policies.names import POLICY_CHOICES
-from avrgym.system.engines import THREADS
+from avrgym.policies.policy_names import POLICY_CHOICES_TEXT
+from avrgym.system.engine_names import THREADS
 from avrgym.tasks.constants import EPISODE_STEPS
 
 OMITTED_METRICS = (
@@ -53,22 +53,22 @@ OMITTED_METRICS = (
 
 def envs(json_file: JsonFileOption = None) -> None:
     """List the environments: task, robot and trained policies."""
-    from avrgym.policies.registry import skipped_plugin_errors
-    from avrgym.policies.trained import packaged_policies
-    from avrgym.tasks.registry import ENVIRONMENTS, observation_and_action_size
+    from avrgym.policies.registry import collect_skipped_plugin_errors
+    from avrgym.policies.trained_policies import find_packaged_policies
+    from avrgym.tasks.registry import ENVIRONMENTS, get_observation_and_action_size
 
     rows = [
         {
             "env": environment,
             "task": task,
             "robot": robot,
-            "observation_size": observation_and_action_size(environment)[0],
-            "policies": sorted(packaged_policies(environment)),
+            "observation_size": get_observation_and_action_size(environment)[0],
+            "policies": sorted(find_packaged_policies(environment)),
         }
         for environment, (task, robot) in ENVIRONMENTS.items()
     ]
     print_table(rows)
-    for reason in skipped_plugin_errors():
+    for reason in collect_skipped_plugin_errors():
         print_line(f"skipped {reason}")
     with report_errors():
         write_json(json_file, rows)
@@ -85,7 +85,7 @@ def fit_people(
     from avrgym.analysis.fit_people import fit_people, write_people_file
 
     with report_errors():
-        with progress_bar("reading recordings", unit="recordings") as bar:
+        with show_progress_bar("reading recordings", unit="recordings") as bar:
             fit = fit_people(study, bar.update)
         write_people_file(fit, out)
     for recording in fit.omitted_recordings:
@@ -102,12 +102,14 @@ def evaluate(
     policy: Annotated[
         list[str] | None,
         typer.Option(
-            help=f"The policy that drives the robot, by default revised: {POLICY_CHOICES}. Repeatable."
+            help=f"The policy that drives the robot, by default revised: {POLICY_CHOICES_TEXT}. Repeatable."
         ),
     ] = None,
     people: Annotated[
         list[str] | None,
-        typer.Option(help=f"The people in the episodes, by default revised: {ALLOWED_PEOPLE}. Repeatable."),
+        typer.Option(
+            help=f"The people in the episodes, by default revised: {ALLOWED_PEOPLE_TEXT}. Repeatable."
+        ),
     ] = None,
     impairment: ImpairmentOption = "none",
     cross_play: Annotated[
@@ -128,7 +130,7 @@ def evaluate(
         ),
     ] = "test",
     jobs: JobsOption = None,
-    cluster: Cluster = None,
+    cluster: ClusterOption = None,
     allow_other_environment: Annotated[
         bool,
         typer.Option(
@@ -150,10 +152,10 @@ def evaluate(
 
     The printed table has a row for each environment, policy and population.
     """
-    from avrgym.learning.cross_play import cross_play as evaluate_each
-    from avrgym.learning.cross_play import success_table
+    from avrgym.learning.cross_play import make_success_table
+    from avrgym.learning.cross_play import run_cross_play as evaluate_each
     from avrgym.system.random_streams import parse_split
-    from avrgym.tasks.placement_check import describe_excess_draws
+    from avrgym.tasks.placement_check import describe_excess_samples
     from avrgym.tasks.settings import parse_settings
 
     with report_errors():
@@ -163,8 +165,8 @@ def evaluate(
         groups = people or ([*POPULATION_NAMES] if cross_play else ["revised"])
         steps = len(chosen) * len(policies) * len(groups) * episodes * episode_steps
         with (
-            cluster_connection(cluster, jobs) as workers,
-            progress_bar(f"evaluating {', '.join(policies)}", steps, "steps") as bar,
+            connect_cluster(cluster, jobs) as workers,
+            show_progress_bar(f"evaluating {', '.join(policies)}", steps, "steps") as bar,
         ):
             metrics = evaluate_each(
                 chosen,
@@ -184,11 +186,11 @@ def evaluate(
                 settings=parse_settings(settings or []),
                 allow_other_settings=allow_other_settings,
                 steps=episode_steps,
-                leave_out=print_skipped if all_environments else None,
+                leave_out=print_skipped_item if all_environments else None,
             )
         rows = [asdict(each) for each in metrics]
         if cross_play:
-            print_table(success_table(metrics))
+            print_table(make_success_table(metrics))
         else:
             print_table([{name: row[name] for name in row if name not in OMITTED_METRICS} for row in rows])
         if regions:
@@ -201,7 +203,7 @@ def evaluate(
                 print_warning(
                     f"{_title(row)}: was trained with the force guard; evaluate it with --force-guard"
                 )
-            crowded = describe_excess_draws(row["start_draws_mean"], row["start_draws_max"])
+            crowded = describe_excess_samples(row["start_draws_mean"], row["start_draws_max"])
             if crowded:
                 print_warning(f"{_title(row)}: {crowded}; {row['starts_refused']} people were omitted")
 

@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 import typer
 
-from avrgym.cli.activity_log import log_command
+from avrgym.cli.audit_log import log_command
 from avrgym.cli.plan import StudyFolderArgument
 from avrgym.cli.terminal import (
     JsonFileOption,
@@ -14,7 +14,7 @@ from avrgym.cli.terminal import (
     report_errors,
     write_json,
 )
-from avrgym.vr.server.addresses import DEFAULT_PORT
+from avrgym.vr.server.network_addresses import DEFAULT_PORT
 
 ExperimenterNameArgument = Annotated[
     str, typer.Argument(help="Name of the experimenter: at most 40 letters, digits, - and _.")
@@ -28,12 +28,12 @@ def add_experimenter(folder: StudyFolderArgument, name: ExperimenterNameArgument
     checksum.
     """
     from avrgym.study.people.experimenters import add_experimenter as add
-    from avrgym.study.storage.audit_log import ADD_EXPERIMENTER
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.audit_log import ADD_EXPERIMENTER_ACTION
+    from avrgym.study.storage.store import StudyStore
 
-    with report_errors(), Store(folder) as store:
+    with report_errors(), StudyStore(folder) as store:
         token = add(store, name)
-        log_command(store, ADD_EXPERIMENTER, detail=name)
+        log_command(store, ADD_EXPERIMENTER_ACTION, detail=name)
     print_line(f"token     {token} (shown only once)")
     print_line(
         f"dashboard http://localhost:{DEFAULT_PORT}/dashboard#token={token} while `avrgym serve --study {folder}` runs"
@@ -43,11 +43,11 @@ def add_experimenter(folder: StudyFolderArgument, name: ExperimenterNameArgument
 def experimenters(folder: StudyFolderArgument, json_file: JsonFileOption = None) -> None:
     """List experimenters with a personal token."""
     from avrgym.study.people.experimenters import list_experimenters
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.store import StudyStore
 
     with report_errors():
         check_json_file(json_file)
-        with Store(folder) as store:
+        with StudyStore(folder) as store:
             rows: list[dict[str, Any]] = [
                 {"name": each.name, "created_at": each.created_at, "revoked_at": each.revoked_at}
                 for each in list_experimenters(store)
@@ -65,10 +65,10 @@ def revoke_experimenter(folder: StudyFolderArgument, name: ExperimenterNameArgum
     Open pages with this token are closed within seconds.
     """
     from avrgym.study.people.experimenters import revoke_experimenter as revoke
-    from avrgym.study.storage.audit_log import REVOKE_EXPERIMENTER
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.audit_log import REVOKE_EXPERIMENTER_ACTION
+    from avrgym.study.storage.store import StudyStore
 
-    with report_errors(), Store(folder) as store:
+    with report_errors(), StudyStore(folder) as store:
         revoke(store, name)
-        log_command(store, REVOKE_EXPERIMENTER, detail=name)
+        log_command(store, REVOKE_EXPERIMENTER_ACTION, detail=name)
     print_line(f"the token of {name} is revoked")

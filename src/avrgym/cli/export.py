@@ -7,15 +7,15 @@ from typing import Annotated
 import typer
 
 from avrgym.cli.options import (
-    ALLOWED_PEOPLE,
+    ALLOWED_PEOPLE_TEXT,
     EpisodeStepsOption,
     ImpairmentOption,
     SeedOption,
     SettingsOption,
 )
-from avrgym.cli.progress import progress_bar
+from avrgym.cli.progress import show_progress_bar
 from avrgym.cli.terminal import print_line, report_errors
-from avrgym.policies.names import POLICY_CHOICES
+from avrgym.policies.policy_names import POLICY_CHOICES_TEXT
 from avrgym.tasks.constants import EPISODE_STEPS
 
 CameraOption = Annotated[
@@ -40,7 +40,7 @@ def export_policy(
     """
     from avrgym.policies.onnx import write_onnx
     from avrgym.policies.registry import resolve_policy
-    from avrgym.policies.trained import Policy
+    from avrgym.policies.trained_policies import Policy
 
     with report_errors():
         found = resolve_policy(policy, env)
@@ -66,10 +66,10 @@ def export_demonstrations(
     """Write the successful demonstrations of a folder as a LeRobot dataset."""
     with report_errors():
         _check_dataset_packages()
-        from avrgym.vr.demonstration.dataset import write_demonstrations
+        from avrgym.vr.demonstration.dataset import write_lerobot_dataset
 
-        with progress_bar("demonstrations", None, "episodes") as bar:
-            omitted = write_demonstrations(source, out, camera or [], bar.update)
+        with show_progress_bar("demonstrations", None, "episodes") as bar:
+            omitted = write_lerobot_dataset(source, out, camera or [], bar.update)
         print_line(f"dataset   {out}")
         for reason in omitted:
             print_line(f"omitted   {reason}")
@@ -81,10 +81,10 @@ def export_simulated_demonstrations(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.", metavar="ENV")],
     out: Annotated[Path, typer.Argument(help="A new folder.", metavar="OUT")],
     policy: Annotated[
-        str, typer.Option(help=f"The policy that the simulated operator follows: {POLICY_CHOICES}.")
+        str, typer.Option(help=f"The policy that the simulated operator follows: {POLICY_CHOICES_TEXT}.")
     ] = "oracle",
     episodes: Annotated[int, typer.Option(help="Number of successful episodes.", min=1)] = 50,
-    people: Annotated[str, typer.Option(help=f"Population of people: {ALLOWED_PEOPLE}.")] = "revised",
+    people: Annotated[str, typer.Option(help=f"Population of people: {ALLOWED_PEOPLE_TEXT}.")] = "revised",
     impairment: ImpairmentOption = "none",
     camera: CameraOption = None,
     settings: SettingsOption = None,
@@ -116,19 +116,19 @@ def export_simulated_demonstrations(
             settings=changes,
         )
         cameras = parse_cameras(camera or [], world.scene.robot)
-        totals = demonstrations.DemonstrationTotals(0, 0)
-        with progress_bar(f"demonstrating {env}", episodes, "episodes") as bar:
+        totals = demonstrations.DemonstrationCounts(0, 0)
+        with show_progress_bar(f"demonstrating {env}", episodes, "episodes") as bar:
 
-            def report(latest: demonstrations.DemonstrationTotals) -> None:
+            def report(latest: demonstrations.DemonstrationCounts) -> None:
                 nonlocal totals
                 totals = latest
                 bar.update(totals.successes)
 
-            shown = demonstrations.demonstrate(
+            shown = demonstrations.simulate_demonstrations(
                 world, resolve_policy(policy, env, changes), episodes, episode_steps, seed, cameras, report
             )
             about = {
-                "observation": world.observation,
+                "observation": world.observation_spec,
                 "scene": world.scene,
                 "control_hz": world.settings.control_hz,
             }
@@ -157,7 +157,7 @@ def _print_training(dataset: Path) -> None:
 def export_scene(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.", metavar="ENV")],
     out: Annotated[Path, typer.Argument(help="A new folder.", metavar="OUT")],
-    people: Annotated[str, typer.Option(help=f"Population of people: {ALLOWED_PEOPLE}.")] = "revised",
+    people: Annotated[str, typer.Option(help=f"Population of people: {ALLOWED_PEOPLE_TEXT}.")] = "revised",
     impairment: ImpairmentOption = "none",
     seed: SeedOption = 0,
     settings: SettingsOption = None,
@@ -171,9 +171,9 @@ def export_scene(
     import numpy as np
 
     from avrgym.envs.scene_files import (
+        INITIAL_STATE_FILE,
         MJB_FILE,
         MJCF_FILE,
-        START_FILE,
         USD_FILE,
         check_new_folder,
         write_scene,
@@ -195,11 +195,11 @@ def export_scene(
             num_threads=1,
             settings=parse_settings(settings or []),
         )
-        episodes.reset(np.array([0]), [random_streams.episode_generator(seed)])
+        episodes.reset(np.array([0]), [random_streams.make_episode_rng(seed)])
         write_scene(episodes, out)
         print_line(f"MJB       {out / MJB_FILE}: the physics model, without appearance")
         print_line(f"MJCF      {out / MJCF_FILE}: with appearance; the person's body is stiffer")
-        print_line(f"start     {out / START_FILE}")
+        print_line(f"start     {out / INITIAL_STATE_FILE}")
         if usd:
             write_usd(episodes, out / USD_FILE)
             print_line(f"USD       {out / USD_FILE}: appearance at the start")

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from avrgym.cli.activity_log import log_start_and_end
-from avrgym.cli.names import unlock_identity_file
-from avrgym.cli.options import cluster_connection
+from avrgym.cli.audit_log import log_start_and_end
+from avrgym.cli.options import connect_cluster
+from avrgym.cli.participant_names import unlock_identity_file
 from avrgym.cli.terminal import print_line, report_errors
-from avrgym.vr.server.addresses import DEFAULT_PORT, LOOPBACK_HOSTS
+from avrgym.vr.server.network_addresses import DEFAULT_PORT, LOOPBACK_HOSTS
 
 if TYPE_CHECKING:
     from avrgym.hosting.cluster import RayNodes
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.store import StudyStore
     from avrgym.system.cluster import Cluster
 
 
@@ -65,17 +65,17 @@ def host(
     Participants open the links of `study invite`. Set codes and time limits in the file host.toml in the study's
     folder.
     """
-    from avrgym.hosting.host import Host
-    from avrgym.study.storage.store import Store
+    from avrgym.hosting.host import StudyHost
+    from avrgym.study.storage.store import StudyStore
 
     with report_errors():
         unlock_identity_file(study)
         with (
-            cluster_connection(cluster, None) as connected,
-            Store(study) as store,
+            connect_cluster(cluster, None) as connected,
+            StudyStore(study) as store,
             nullcontext(_nodes(store, connected)) as computers,
             log_start_and_end(store, "start host", "stop host"),
-            Host(
+            StudyHost(
                 store,
                 address=address,
                 host=listen,
@@ -87,7 +87,7 @@ def host(
             ) as running,
         ):
             print_line("Participants: the links of")
-            print_line(f"    avrgym study invite {study} --address {running.origin} --out links.csv")
+            print_line(f"    avrgym study invite {study} --address {running.public_url} --out links.csv")
             print_line("Experimenter (on this computer; do not give this address to participants)")
             print_line(f"    {running.experimenter_url}")
             print_line("Stop with Ctrl+C.")
@@ -97,7 +97,7 @@ def host(
                 print_line("stopped")
 
 
-def _nodes(store: "Store", cluster: "Cluster | None") -> "RayNodes | None":
+def _nodes(store: "StudyStore", cluster: "Cluster | None") -> "RayNodes | None":
     """Returns the cluster nodes that run sessions; ``None`` if ``cluster`` is ``None``."""
     if cluster is None:
         return None

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from avrgym.cli.activity_log import log_command
+from avrgym.cli.audit_log import log_command
 from avrgym.cli.plan import StudyFolderArgument
 from avrgym.cli.terminal import (
     JsonFileOption,
@@ -43,12 +43,12 @@ def invite(
 
     The links are written only now; the study stores only their checksums.
     """
-    from avrgym.hosting.addresses import invitation_link, parse_public_address
+    from avrgym.hosting.public_links import make_invitation_link, parse_public_address
     from avrgym.study.people.invitations import create_invitations
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.store import StudyStore
     from avrgym.system.files import write_private_file
 
-    with report_errors(), Store(folder) as store:
+    with report_errors(), StudyStore(folder) as store:
         base = parse_public_address(address)
         wanted = [""] * number if labels is None else _read_labels(labels)
         if out.exists():
@@ -59,7 +59,7 @@ def invite(
         rows = csv.writer(table, lineterminator="\n")
         rows.writerow(["id", "label", "link", "expires_at", "places"])
         for each in created:
-            link = invitation_link(base, each.token)
+            link = make_invitation_link(base, each.token)
             rows.writerow([each.id, each.label, link, each.expires_at, each.places])
         write_private_file(out, table.getvalue())
     print_line(f"links     {out} ({len(created)}, valid until {created[0].expires_at[:16]} UTC)")
@@ -80,17 +80,17 @@ def invitations(
     address: Annotated[str, typer.Option(help="The study's public address, for --new-link.")] = "",
     json_file: JsonFileOption = None,
 ) -> None:
-    """List invitations, with the number of times that each link was used."""
-    from avrgym.hosting.addresses import parse_public_address, participant_link
+    """List invitations and the uses of each link."""
+    from avrgym.hosting.public_links import make_participant_link, parse_public_address
     from avrgym.study.people.invitations import close_invitation, list_invitations, replace_participant_token
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.store import StudyStore
 
     with report_errors():
         check_json_file(json_file)
         base = parse_public_address(address) if new_link else ""
-        with Store(folder) as store:
+        with StudyStore(folder) as store:
             if new_link:
-                print_line(participant_link(base, replace_participant_token(store, new_link)))
+                print_line(make_participant_link(base, replace_participant_token(store, new_link)))
                 log_command(store, "replace link", new_link)
             if close is not None:
                 close_invitation(store, close)

@@ -9,7 +9,7 @@ from avrgym.cli.doctor import doctor
 from avrgym.cli.evaluation import envs, evaluate, fit_people
 from avrgym.cli.export import app as export_commands
 from avrgym.cli.host import host
-from avrgym.cli.new import app as new_commands
+from avrgym.cli.new_package import app as new_commands
 from avrgym.cli.program import CommandGroup, Program
 from avrgym.cli.replay import replay
 from avrgym.cli.serve import serve, view

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from avrgym.people import population_names
-from avrgym.policies.names import POLICY_CHOICES
-from avrgym.system.engines import ENGINE_CHOICES
+from avrgym.policies.policy_names import POLICY_CHOICES_TEXT
+from avrgym.system.engine_names import ENGINE_CHOICES
 
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster as ConnectedCluster
 
-ALLOWED_PEOPLE = population_names.ALLOWED_PEOPLE
-PolicyOption = Annotated[str, typer.Option(help=f"The policy that drives the robot: {POLICY_CHOICES}.")]
+ALLOWED_PEOPLE_TEXT = population_names.ALLOWED_PEOPLE_TEXT
+PolicyOption = Annotated[str, typer.Option(help=f"The policy that drives the robot: {POLICY_CHOICES_TEXT}.")]
 ImpairmentOption = Annotated[
     str,
-    typer.Option(help=f"An impairment of the people's motion: {population_names.ALLOWED_IMPAIRMENTS}."),
+    typer.Option(help=f"An impairment of the people's motion: {population_names.ALLOWED_IMPAIRMENTS_TEXT}."),
 ]
 SeedOption = Annotated[int, typer.Option(help="Random seed. The same seed gives the same metrics.", min=0)]
 WithdrawAfterSuccessOption = Annotated[
@@ -54,7 +54,7 @@ AllowOtherSettingsOption = Annotated[
 ]
 EpisodeStepsOption = Annotated[int, typer.Option(help="Number of control steps of an episode.", min=1)]
 EngineOption = Annotated[str, typer.Option(help=f"The physics engine: {ENGINE_CHOICES}.")]
-Cluster = Annotated[
+ClusterOption = Annotated[
     str | None,
     typer.Option(
         "--cluster",
@@ -83,7 +83,7 @@ def select_environments(environments: list[str] | None, every: bool) -> list[str
 
 
 @contextmanager
-def cluster_connection(address: str | None, jobs: int | None) -> Generator["ConnectedCluster | None"]:
+def connect_cluster(address: str | None, jobs: int | None) -> Generator["ConnectedCluster | None"]:
     """Context manager: yields a connection to the Ray cluster at ``address``, or ``None`` without an address.
 
     Raises:
@@ -92,7 +92,7 @@ def cluster_connection(address: str | None, jobs: int | None) -> Generator["Conn
     if address is None:
         yield None
         return
-    from avrgym.system.cluster import connect
+    from avrgym.system.cluster import connect_to_cluster
 
-    with connect(address, jobs) as cluster:
+    with connect_to_cluster(address, jobs) as cluster:
         yield cluster

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from avrgym.cli.activity_log import log_command
-from avrgym.cli.names import unlock_identity_file
+from avrgym.cli.audit_log import log_command
+from avrgym.cli.participant_names import unlock_identity_file
 from avrgym.cli.plan import StudyFolderArgument
 from avrgym.cli.terminal import (
     JsonFileOption,
@@ -18,11 +18,11 @@ from avrgym.cli.terminal import (
     report_errors,
     write_json,
 )
-from avrgym.commands.input_names import INPUT_METHODS, STOP_INPUTS
+from avrgym.commands.input_methods import INPUT_METHODS, STOP_INPUTS
 from avrgym.commands.respondents import PARTICIPANT_RESPONDENTS
 
 if TYPE_CHECKING:
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.store import StudyStore
 
 PseudonymArgument = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
 REQUIRED_REPORT_FIELDS = ("description", "severity", "seriousness", "relatedness", "outcome")
@@ -70,13 +70,13 @@ def record_adverse_event(
         str, typer.Option(help="The person who records the event; default: the account of this computer.")
     ] = "",
 ) -> None:
-    """Record an adverse event, or a follow-up of an adverse event.
+    """Record an adverse event or its follow-up.
 
     A follow-up needs only the changed fields. Earlier reports are not changed.
     """
     from avrgym.study.people import adverse_events
-    from avrgym.study.storage.audit_log import process_user
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.audit_log import find_process_user
+    from avrgym.study.storage.store import StudyStore
 
     stated = {
         "description": description,
@@ -89,10 +89,10 @@ def record_adverse_event(
         "began_at": None if began is None else began.astimezone().isoformat(),
     }
     given: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
-    with report_errors(), Store(folder) as store:
+    with report_errors(), StudyStore(folder) as store:
         report = adverse_events.AdverseEventDetails(**_as_known(store, participant, follow_up) | given)
         number = adverse_events.record_adverse_event(
-            store, participant, report, follows=follow_up, recorded_by=by or process_user().name
+            store, participant, report, follows=follow_up, recorded_by=by or find_process_user().name
         )
         log_command(store, "record adverse event", participant)
     if follow_up is None:
@@ -101,20 +101,20 @@ def record_adverse_event(
         print_line(f"recorded  a follow-up of adverse event {follow_up} of {participant}")
 
 
-def _as_known(store: "Store", participant: str, event: int | None) -> dict[str, Any]:
+def _as_known(store: "StudyStore", participant: str, event: int | None) -> dict[str, Any]:
     """Returns default values for the fields of an adverse event report.
 
     For a follow-up (``event`` is a number): the fields of the event's latest report. For a new event: the current time.
     """
     from avrgym.study.people.adverse_events import group_reports_by_event
-    from avrgym.study.storage.schema import utc_timestamp
+    from avrgym.study.storage.schema import make_utc_timestamp
 
     if event is None:
-        return {"began_at": utc_timestamp(), **dict.fromkeys(REQUIRED_REPORT_FIELDS, "")}
+        return {"began_at": make_utc_timestamp(), **dict.fromkeys(REQUIRED_REPORT_FIELDS, "")}
     latest = next(
         (
             each.latest_report
-            for each in group_reports_by_event(store.adverse_event_reports(participant))
+            for each in group_reports_by_event(store.read_adverse_event_reports(participant))
             if each.event_number == event
         ),
         None,
@@ -123,7 +123,7 @@ def _as_known(store: "Store", participant: str, event: int | None) -> dict[str, 
         raise ValueError(
             f"{participant} has no adverse event {event}; `avrgym study adverse-events` lists them"
         )
-    positions = {each.id: each.position for each in store.trials(participant)}
+    positions = {each.id: each.position for each in store.read_trials(participant)}
     known = {name: getattr(latest, name) for name in (*REQUIRED_REPORT_FIELDS, "action", "began_at")}
     return known | {"trial": positions.get(latest.trial or 0)}
 
@@ -141,21 +141,23 @@ def adverse_events(
     The first table lists each adverse event with its latest follow-up. The second table lists stops, interventions and
     forces that sessions recorded.
     """
-    from avrgym.study.export.records import ExportOptions, adverse_event_rows, write_adverse_events
-    from avrgym.study.people.adverse_events import RATING_SCALE_SOURCES, safety_events
-    from avrgym.study.storage.store import Store
+    from avrgym.study.export.event_tables import ExportOptions, make_adverse_event_rows, write_adverse_events
+    from avrgym.study.people.adverse_events import ADVERSE_EVENT_SCALE_SOURCES, list_safety_events
+    from avrgym.study.storage.store import StudyStore
 
     with report_errors():
         check_json_file(json_file)
-        with Store(folder) as store:
+        with StudyStore(folder) as store:
             rows = [
                 vars(row)
-                for row in adverse_event_rows(store, store.participants(), ExportOptions(free_text=True))
+                for row in make_adverse_event_rows(
+                    store, store.read_participants(), ExportOptions(include_free_text=True)
+                )
             ]
             noticed = [
                 {"participant": person.pseudonym, **asdict(each)}
-                for person in store.participants()
-                for each in safety_events(store, person.pseudonym)
+                for person in store.read_participants()
+                for each in list_safety_events(store, person.pseudonym)
             ]
             if out is not None:
                 write_adverse_events(store, out)
@@ -167,7 +169,7 @@ def adverse_events(
         shown = ("event", "report", "participant", "began_at", "position", "severity", "seriousness")
         more = ("relatedness", "outcome", "description")
         print_table([{name: row[name] for name in (*shown, *more)} for row in latest.values()])
-        print_line(RATING_SCALE_SOURCES)
+        print_line(ADVERSE_EVENT_SCALE_SOURCES)
     if noticed:
         print_line("Safety events that sessions reported; record those that are adverse events:")
         print_table(noticed)
@@ -195,14 +197,14 @@ def retention(
         DATA_KIND_LABELS,
         delete_due_data,
         describe_due_deletions,
-        scheduled_deletions,
+        list_scheduled_deletions,
         today_utc,
     )
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.store import StudyStore
 
     with report_errors():
         check_json_file(json_file)
-        with Store(folder) as store:
+        with StudyStore(folder) as store:
             day = today_utc()
             rows = [
                 {
@@ -211,7 +213,7 @@ def retention(
                     "due": each.is_due(day),
                     "participants": list(each.pseudonyms),
                 }
-                for each in scheduled_deletions(store)
+                for each in list_scheduled_deletions(store)
             ]
             write_json(json_file, rows)
             if rows:
@@ -239,14 +241,14 @@ def participant_data(
     A participant can request their data. The archive contains an index, recordings, notes and the name.
     """
     from avrgym.study.export.participant_archive import write_participant_archive
-    from avrgym.study.storage.identity_file import pseudonyms_with_identity
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.identity_file import read_pseudonyms_with_identity
+    from avrgym.study.storage.store import StudyStore
 
-    with report_errors(), Store(folder) as store:
+    with report_errors(), StudyStore(folder) as store:
         unlock_identity_file(folder)
         number = write_participant_archive(store, participant, out)
         log_command(store, "export", participant, detail="data of the participant")
-        is_named, sites = participant in pseudonyms_with_identity(store.folder), store.sites()
+        is_named, sites = participant in read_pseudonyms_with_identity(store.folder), store.read_sites()
     if is_named:
         print_line(f"{number} files in {out}, with name, contact and free text.")
     else:
@@ -262,9 +264,9 @@ def data_protection(folder: StudyFolderArgument) -> None:
     filled in from the design. Your own entries are never overwritten.
     """
     from avrgym.study.plan.data_protection import write_data_protection_drafts
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.store import StudyStore
 
-    with report_errors(), Store(folder) as store:
+    with report_errors(), StudyStore(folder) as store:
         for path in write_data_protection_drafts(store):
             print_line(f"draft     {path}")
 
@@ -315,8 +317,8 @@ def change_input(
     import msgspec
 
     from avrgym.recording.input_profile import DEFAULT_INPUT_PROFILE
-    from avrgym.study.people.input_profiles import parse_profile, set_input_profile
-    from avrgym.study.storage.store import Store
+    from avrgym.study.people.input_profiles import make_input_profile, set_input_profile
+    from avrgym.study.storage.store import StudyStore
 
     options = {
         "method": method,
@@ -338,14 +340,14 @@ def change_input(
     }
     given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     presented = {name: value for name, value in presentation.items() if value is not None}
-    with report_errors(), Store(folder) as store:
-        before = store.participant(participant).input_profile or DEFAULT_INPUT_PROFILE
+    with report_errors(), StudyStore(folder) as store:
+        before = store.read_participant(participant).input_profile or DEFAULT_INPUT_PROFILE
         if presented:
             given["presentation"] = msgspec.structs.asdict(before.presentation) | presented
         known = {name: getattr(before, name) for name in before.__struct_fields__}
         if method is not None and method != before.method:
             known["stops"] = None
-        profile = parse_profile(known | given)
+        profile = make_input_profile(known | given)
         if given:
             set_input_profile(store, participant, profile)
             log_command(store, "change input", participant)
@@ -353,37 +355,37 @@ def change_input(
 
 
 def functioning(folder: StudyFolderArgument, participant: PseudonymArgument) -> None:
-    """Ask a participant about functioning, assistive devices and diagnosis.
+    """Ask about functioning, devices and diagnosis.
 
     The study's design must enable these questions. A participant can decline each question. New answers replace earlier
     answers.
     """
     from avrgym.study.design.functioning import (
         ASSISTIVE_DEVICES,
-        DEVICES_QUESTION,
+        ASSISTIVE_DEVICES_QUESTION,
         DIAGNOSIS_QUESTION,
         DIFFICULTY_LEVELS,
         FUNCTIONING_QUESTIONS,
     )
-    from avrgym.study.people.functioning import FunctioningAnswers, record_functioning
-    from avrgym.study.people.participants import participant_texts
-    from avrgym.study.storage.store import Store
+    from avrgym.study.people.functioning import FunctioningAnswers, record_functioning_answers
+    from avrgym.study.people.participants import read_participant_texts
+    from avrgym.study.storage.store import StudyStore
 
-    with report_errors(), Store(folder) as store:
-        texts = participant_texts(store, store.participant(participant))
+    with report_errors(), StudyStore(folder) as store:
+        texts = read_participant_texts(store, store.read_participant(participant))
         levels: dict[str, str] = {}
         for question, text in FUNCTIONING_QUESTIONS.items():
             print_line(texts.translate(text))
             for key, word in DIFFICULTY_LEVELS.items():
                 print_line(f"  {key}: {texts.translate(word)}")
             levels[question] = typer.prompt(question)
-        print_line(texts.translate(DEVICES_QUESTION))
+        print_line(texts.translate(ASSISTIVE_DEVICES_QUESTION))
         for key, word in ASSISTIVE_DEVICES.items():
             print_line(f"  {key}: {texts.translate(word)}")
         devices = typer.prompt("numbers, separated by commas", default="", show_default=False)
         diagnosis = typer.prompt(texts.translate(DIAGNOSIS_QUESTION), default="", show_default=False)
         named = tuple(each.strip() for each in devices.split(",") if each.strip())
-        record_functioning(store, participant, FunctioningAnswers(levels, named, diagnosis))
+        record_functioning_answers(store, participant, FunctioningAnswers(levels, named, diagnosis))
         log_command(store, "record functioning", participant)
     print_line(f"{participant}: the answers are stored")
 
@@ -403,13 +405,13 @@ def preferences(
     study.toml.
     """
     from avrgym.commands.preferences import Preferences, change_preferences, describe_preferences
-    from avrgym.study.people.participants import participant_texts
-    from avrgym.study.people.preferences import preferences_of, record_preferences
-    from avrgym.study.storage.store import Store
+    from avrgym.study.people.participants import read_participant_texts
+    from avrgym.study.people.preferences import read_latest_preferences, record_preferences
+    from avrgym.study.storage.store import StudyStore
 
-    with report_errors(), Store(folder) as store:
-        texts = participant_texts(store, store.participant(participant))
-        own = preferences_of(store, participant) or Preferences()
+    with report_errors(), StudyStore(folder) as store:
+        texts = read_participant_texts(store, store.read_participant(participant))
+        own = read_latest_preferences(store, participant) or Preferences()
         if change:
             own = change_preferences(own, change)
             record_preferences(store, participant, own)
@@ -426,10 +428,10 @@ def respondent(
 
     The participant or a proxy can answer. Answers of a proxy are marked in all tables, figures and exports.
     """
-    from avrgym.study.people.proxies import set_respondent
-    from avrgym.study.storage.store import Store
+    from avrgym.study.people.participant_respondents import set_respondent
+    from avrgym.study.storage.store import StudyStore
 
-    with report_errors(), Store(folder) as store:
+    with report_errors(), StudyStore(folder) as store:
         set_respondent(store, participant, who)
         log_command(store, "change respondent", participant, detail=who)
     print_line(f"{participant}  questions are answered by: {who}")
@@ -443,31 +445,33 @@ def own_furniture(
         typer.Option("--set", help="Change a dimension, such as seat_height_m=0.52.", metavar="NAME=VALUE"),
     ] = None,
 ) -> None:
-    """Show or store dimensions of a participant's own wheelchair and bed.
+    """Show or store a participant's own furniture.
 
     In all later sessions of the participant, these dimensions replace those of study.toml and of the station. The names
     of dimensions are those of [furniture] in study.toml.
     """
     from msgspec.structs import asdict
 
-    from avrgym.models.furniture.real_furniture import ALLOWED_RANGES, change_furniture
-    from avrgym.study.people.furniture import furniture_of, record_furniture
-    from avrgym.study.storage.store import Store
+    from avrgym.models.furniture.real_furniture import FURNITURE_MEASURE_RANGES, change_furniture
+    from avrgym.study.people.furniture import read_own_furniture, record_own_furniture
+    from avrgym.study.storage.store import StudyStore
 
-    with report_errors(), Store(folder) as store:
-        store.participant(participant)
-        own = furniture_of(store, participant) or store.design.furniture
+    with report_errors(), StudyStore(folder) as store:
+        store.read_participant(participant)
+        own = read_own_furniture(store, participant) or store.design.furniture
         values: dict[str, float] = {}
         for each in change or ():
             name, _, text = (part.strip() for part in each.partition("="))
-            if name not in ALLOWED_RANGES:
-                raise RuntimeError(f"unknown dimension {name!r}; allowed: {', '.join(ALLOWED_RANGES)}")
+            if name not in FURNITURE_MEASURE_RANGES:
+                raise RuntimeError(
+                    f"unknown dimension {name!r}; allowed: {', '.join(FURNITURE_MEASURE_RANGES)}"
+                )
             try:
                 values[name] = float(text)
             except ValueError:
                 raise RuntimeError(f"{each!r} has no number; allowed: {name}=0.5 or another number") from None
         if values:
             own = change_furniture(own, **values)
-            record_furniture(store, participant, own)
+            record_own_furniture(store, participant, own)
             log_command(store, "measure furniture", participant)
     print_line(f"{participant}  {', '.join(f'{name} {value:g}' for name, value in asdict(own).items())}")

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from avrgym.cli.activity_log import log_command
-from avrgym.cli.progress import progress_bar
+from avrgym.cli.audit_log import log_command
+from avrgym.cli.progress import show_progress_bar
 from avrgym.cli.terminal import (
     JobsOption,
     JsonFileOption,
@@ -22,7 +22,7 @@ from avrgym.cli.terminal import (
 
 if TYPE_CHECKING:
     from avrgym.study.checking.finding import ExcludedTrialFinding, Finding
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.store import StudyStore
 
 StudyFolderArgument = Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")]
 DEFAULT_EFFECT_SIZES = (0.5, 1.0, 1.5)
@@ -64,29 +64,30 @@ def freeze(
     If there is no plan.toml, the command writes a template. If another station has frozen the plan, that plan is
     adopted.
     """
-    from avrgym.analysis.plan import available_tests
-    from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, adopt_plan, can_adopt_plan
-    from avrgym.study.plan.frozen_plan import freeze_plan as freeze_plan
-    from avrgym.study.plan.plan import FILE
+    from avrgym.analysis.plan import list_available_tests
+    from avrgym.study.plan.analysis_plan import PLAN_FILE
+    from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, adopt_frozen_plan, can_adopt_frozen_plan
+    from avrgym.study.plan.frozen_plan import freeze_analysis_plan as freeze_analysis_plan
     from avrgym.study.plan.preregistration import write_preregistration
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.store import StudyStore
 
-    with report_errors(), Store(folder) as store:
+    with report_errors(), StudyStore(folder) as store:
         if form is not None:
-            print_line(f"fields    {write_preregistration(store, available_tests(store.design), form)}")
+            print_line(f"fields    {write_preregistration(store, list_available_tests(store.design), form)}")
         elif timestamp is not None or registered is not None:
             _store_evidence(store, timestamp, registered, registered_on)
             log_command(store, "store evidence of plan")
-        elif can_adopt_plan(store) and not template:
+        elif can_adopt_frozen_plan(store) and not template:
             print_line(
-                f"adopted   {store.folder / FROZEN_PLAN_FILE}, frozen at {adopt_plan(store).frozen_at} at another "
+                f"adopted   {store.folder / FROZEN_PLAN_FILE}, frozen at {adopt_frozen_plan(store).frozen_at} at "
+                f"another "
                 "station"
             )
             log_command(store, "adopt plan")
-        elif template or not (store.folder / FILE).exists():
+        elif template or not (store.folder / PLAN_FILE).exists():
             print_line(f"plan      {_write_template(store)}: edit it, then freeze it")
         else:
-            record = freeze_plan(store, available_tests(store.design))
+            record = freeze_analysis_plan(store, list_available_tests(store.design))
             log_command(store, "freeze plan")
             print_line(f"frozen    {store.folder / FROZEN_PLAN_FILE} at {record.frozen_at}")
             _print_deposit(store.folder / FROZEN_PLAN_FILE)
@@ -94,9 +95,9 @@ def freeze(
 
 def _print_deposit(record: Path) -> None:
     """Print instructions for a proof of the plan's date: a registration or a time stamp."""
-    from avrgym.study.plan.frozen_plan import sha256
+    from avrgym.study.plan.frozen_plan import compute_sha256
 
-    print_line(f"SHA-256   {sha256(record.read_bytes())}")
+    print_line(f"SHA-256   {compute_sha256(record.read_bytes())}")
     print_line(
         "deposit   put this SHA-256 into a registration (osf.io, aspredicted.org), or have it time-stamped: "
         f"openssl ts -query -data {record} -sha256 -cert -out plan.tsq, send plan.tsq to an authority (RFC 3161); then "
@@ -105,11 +106,11 @@ def _print_deposit(record: Path) -> None:
 
 
 def _store_evidence(
-    store: "Store", timestamp: Path | None, registered: str | None, registered_on: datetime | None
+    store: "StudyStore", timestamp: Path | None, registered: str | None, registered_on: datetime | None
 ) -> None:
+    from avrgym.study.plan.date_evidence import store_registration, store_time_stamp
     from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE
-    from avrgym.study.plan.timestamps import store_registration, store_time_stamp
-    from avrgym.study.storage.states import StudyError
+    from avrgym.study.storage.state_transitions import StudyError
 
     record = store.folder / FROZEN_PLAN_FILE
     if not record.exists():
@@ -128,14 +129,14 @@ def _store_evidence(
         print_line(f"claimed   registration at {registered}; the report names it as your claim")
 
 
-def _write_template(store: "Store") -> Path:
-    from avrgym.analysis.plan import available_tests, suggested_hypotheses
-    from avrgym.study.plan.frozen_plan import check_can_freeze
+def _write_template(store: "StudyStore") -> Path:
+    from avrgym.analysis.plan import list_available_tests, suggest_hypotheses
+    from avrgym.study.plan.frozen_plan import check_plan_can_be_frozen
     from avrgym.study.plan.plan_template import write_plan_template
 
-    check_can_freeze(store)
+    check_plan_can_be_frozen(store)
     return write_plan_template(
-        store.folder, store.design, available_tests(store.design), suggested_hypotheses(store.design)
+        store.folder, store.design, list_available_tests(store.design), suggest_hypotheses(store.design)
     )
 
 
@@ -173,18 +174,20 @@ def power(
 
     The power is estimated for several effect sizes and several numbers of participants.
     """
-    from avrgym.analysis.power.power import default_sample_sizes, simulate_power
+    from avrgym.analysis.power.power_simulation import choose_default_sample_sizes, simulate_power
     from avrgym.analysis.power.simulated_studies import PowerAssumptions
-    from avrgym.analysis.power.summary import power_summary, terminal_table_rows
-    from avrgym.study.design.design import FILE, read_design
-    from avrgym.system.jobs import available_core_count
+    from avrgym.analysis.power.summary import make_power_summary, make_power_table_rows
+    from avrgym.study.design.design import DESIGN_FILE, read_design
+    from avrgym.system.parallel_calls import count_available_cores
 
     with report_errors():
         check_json_file(json_file)
-        design = read_design(study / FILE if study.is_dir() else study)
+        design = read_design(study / DESIGN_FILE if study.is_dir() else study)
         assumptions = PowerAssumptions(participant_sd, policy_sd, task_sd, noise_sd, drift, dropout)
-        wanted = tuple(sorted({*sizes, design.participants})) if sizes else default_sample_sizes(design)
-        with progress_bar("simulating studies", unit="studies") as bar:
+        wanted = (
+            tuple(sorted({*sizes, design.participants})) if sizes else choose_default_sample_sizes(design)
+        )
+        with show_progress_bar("simulating studies", unit="studies") as bar:
             rows = simulate_power(
                 design,
                 assumptions,
@@ -192,43 +195,43 @@ def power(
                 wanted,
                 simulations,
                 seed,
-                jobs or available_core_count(),
+                jobs or count_available_cores(),
                 bar.update,
             )
-        found = power_summary(design, assumptions, rows, seed)
+        found = make_power_summary(design, assumptions, rows, seed)
         write_json(json_file, found)
-    print_table(terminal_table_rows(rows))
+    print_table(make_power_table_rows(rows))
     for sentence in found["words"]:
         print_line(sentence)
 
 
-def frozen_at_and_deviations(
-    store: "Store", left_out: "Sequence[ExcludedTrialFinding]" = ()
+def read_plan_deviations(
+    store: "StudyStore", left_out: "Sequence[ExcludedTrialFinding]" = ()
 ) -> "tuple[str | None, list[Finding]]":
     """Returns the time at which the plan was frozen (``None`` without a frozen plan), and the deviations from the
     plan."""
-    from avrgym.study.plan.frozen_plan import read_frozen_plan
+    from avrgym.study.plan.frozen_plan import read_frozen_plan_evidence
 
-    frozen = read_frozen_plan(store)
+    frozen = read_frozen_plan_evidence(store)
     if frozen is None:
         return None, []
-    from avrgym.analysis.plan import optional_tests, required_tests
-    from avrgym.study.plan.deviations import deviations
+    from avrgym.analysis.plan import list_optional_tests, list_required_tests
+    from avrgym.study.plan.plan_deviations import find_deviations
     from avrgym.study.storage.item_versions import AnsweredItems
 
     design = AnsweredItems(store).design
-    return frozen.existed_since_text, deviations(
-        store, frozen, required_tests(design), left_out, optional_tests(design)
+    return frozen.existed_since_text, find_deviations(
+        store, frozen, list_required_tests(design), left_out, list_optional_tests(design)
     )
 
 
-def check_study_and_plan(store: "Store") -> "list[Finding]":
+def check_study_and_plan(store: "StudyStore") -> "list[Finding]":
     """Returns the findings of all checks and all deviations from the plan, without duplicates."""
-    from avrgym.study.checking.checks import check_study
     from avrgym.study.checking.finding import ExcludedTrialFinding
+    from avrgym.study.checking.study_checks import check_study
 
     found = check_study(store)
-    _, deviating = frozen_at_and_deviations(
+    _, deviating = read_plan_deviations(
         store, [each for each in found if isinstance(each, ExcludedTrialFinding)]
     )
     return [
@@ -238,26 +241,28 @@ def check_study_and_plan(store: "Store") -> "list[Finding]":
 
 
 def quality(folder: StudyFolderArgument, json_file: JsonFileOption = None) -> None:
-    """Show answer quality and violated exclusion rules of each participant.
+    """Show answer quality and violated rules.
 
     The exclusion rules are [[exclusion.rules]] of the frozen plan.
     """
-    from avrgym.study.plan.exclusion_rules import answer_quality, violations
-    from avrgym.study.plan.frozen_plan import read_frozen_plan
-    from avrgym.study.storage.store import Store
+    from avrgym.study.plan.exclusion_rules import compute_answer_quality, find_rule_violations
+    from avrgym.study.plan.frozen_plan import read_frozen_plan_evidence
+    from avrgym.study.storage.store import StudyStore
 
     with report_errors():
         check_json_file(json_file)
-        with Store(folder) as store:
-            frozen = read_frozen_plan(store)
+        with StudyStore(folder) as store:
+            frozen = read_frozen_plan_evidence(store)
             rules = (
-                () if frozen is None or frozen.record is None else frozen.record.parsed_plan().exclusion.rules
+                ()
+                if frozen is None or frozen.frozen_plan is None
+                else frozen.frozen_plan.parse_plan().exclusion.rules
             )
-            found = violations(store, rules)
+            found = find_rule_violations(store, rules)
             rows: list[dict[str, Any]] = [
-                asdict(answer_quality(store, each.pseudonym))
+                asdict(compute_answer_quality(store, each.pseudonym))
                 | {"violations": [every.reason for every in found if every.participant == each.pseudonym]}
-                for each in store.participants()
+                for each in store.read_participants()
             ]
             log_command(store, "view answer quality")
         write_json(json_file, rows)

@@ -9,7 +9,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from avrgym.system.extras import extra_of
+from avrgym.system.extras import find_extra
 
 STOP_SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
@@ -34,11 +34,11 @@ class SignalHandler:
     """Handles the signals of Ctrl+C, SIGTERM and SIGHUP. If the program starts with an ignored signal (``nohup``), this
     signal remains ignored.
 
-    ``received``: numbers of the received signals in order.
+    ``received_signals``: numbers of the received signals in order.
     """
 
     def __init__(self) -> None:
-        self.received: list[int] = []
+        self.received_signals: list[int] = []
 
     def install_handlers(self) -> None:
         """Install the signal handlers. The first signal then raises ``KeyboardInterrupt``."""
@@ -49,13 +49,13 @@ class SignalHandler:
     @property
     def exit_code(self) -> int:
         """The exit code of the program: 128 plus the number of the first signal."""
-        return 128 + self.received[0]
+        return 128 + self.received_signals[0]
 
     def _receive(self, number: int, _frame: FrameType | None) -> None:
-        self.received.append(number)
-        if len(self.received) == 1:
+        self.received_signals.append(number)
+        if len(self.received_signals) == 1:
             raise KeyboardInterrupt
-        if len(self.received) >= MAX_SIGNALS:
+        if len(self.received_signals) >= MAX_SIGNALS:
             os._exit(self.exit_code)
 
 
@@ -67,7 +67,7 @@ class CommandGroup(TyperGroup):
         try:
             return super().invoke(ctx)
         except ModuleNotFoundError as error:
-            extra = extra_of(error.name or "", preferred=EXTRA_BY_COMMAND.get(ctx.invoked_subcommand or ""))
+            extra = find_extra(error.name or "", preferred=EXTRA_BY_COMMAND.get(ctx.invoked_subcommand or ""))
             if extra is None:
                 raise
             typer.echo(f"avrgym: {error.name} is missing; run `pip install 'avrgym[{extra}]'`", err=True)
@@ -84,7 +84,7 @@ class Program(typer.Typer):
             signals.install_handlers()
             return super().__call__(*arguments, **options)
         except (KeyboardInterrupt, SystemExit) as end:
-            if not signals.received or not _is_broken_off(end):
+            if not signals.received_signals or not _is_broken_off(end):
                 raise
             kept = _notes(end)
         typer.echo("; ".join(["avrgym: stopped", *kept]), err=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from avrgym.cli.progress import progress_bar
+from avrgym.cli.progress import show_progress_bar
 from avrgym.cli.terminal import (
     JsonFileOption,
     check_json_file,
@@ -18,7 +18,7 @@ from avrgym.cli.terminal import (
     report_errors,
     write_json,
 )
-from avrgym.vr.server.addresses import DEFAULT_PORT
+from avrgym.vr.server.network_addresses import DEFAULT_PORT
 
 if TYPE_CHECKING:
     from avrgym.recording.reader import Recording
@@ -127,14 +127,16 @@ def _with_file_name(file: Path) -> Generator[None]:
 
 def _read(file: Path) -> "Recording":
     from avrgym.recording.reader import read_recording
-    from avrgym.replay.playback import title
+    from avrgym.replay.playback import format_title
 
     if file.is_dir():
         raise ValueError(f"{file} is a folder; {RECORDINGS_HINT}")
     if not file.is_file():
         _fetch(file)
     recording = read_recording(file)
-    print_line(f"{title(recording)}, {recording.result or 'interrupted'} after {recording.duration_s:.2f} s")
+    print_line(
+        f"{format_title(recording)}, {recording.result or 'interrupted'} after {recording.duration_s:.2f} s"
+    )
     return recording
 
 
@@ -144,31 +146,31 @@ def _fetch(file: Path) -> None:
     if not (folder / "study.toml").is_file():
         return
     from avrgym.study.storage.remote_recordings import fetch_recordings
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.store import StudyStore
 
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         fetch_recordings(store, file.parent.parent.name)
 
 
 @contextmanager
 def _progress(recording: "Recording", words: str) -> Generator[Callable[[], None]]:
     """Context manager: show a progress bar of the recorded states. Yields the function that advances the bar."""
-    with progress_bar(words, len(recording.messages_by_topic["/physics"]), "states") as bar:
+    with show_progress_bar(words, len(recording.messages_by_topic["/physics"]), "states") as bar:
         yield bar.advance
 
 
 def _verify(recording: "Recording", json_file: Path | None) -> None:
     import msgspec
 
-    from avrgym.replay.verification import verify
+    from avrgym.replay.verification import verify_recording
 
     with _progress(recording, "recomputing") as advance:
-        found = verify(recording, advance)
+        found = verify_recording(recording, advance)
     write_json(json_file, msgspec.to_builtins(found))
-    if not found.complete:
-        print_line(f"The recording is not complete: compared up to its end at {found.until_s:.2f} s.")
-    if found.identical:
-        print_line(f"{found.states} states bit-identical, {found.steps} control steps identical")
+    if not found.is_complete:
+        print_line(f"The recording is not complete: compared up to its end at {found.end_time_s:.2f} s.")
+    if found.is_identical:
+        print_line(f"{found.num_states} states bit-identical, {found.num_steps} control steps identical")
     else:
         _print_differences(found)
 
@@ -180,44 +182,46 @@ def _print_differences(found: "Verification") -> None:
         ReplayError: if neither rounding nor changed plug-ins or versions explain the differences.
     """
     from avrgym.replay.playback import ReplayError
-    from avrgym.vr.session.attempt import versions
+    from avrgym.vr.session.attempt import read_package_versions
 
     print_line(
-        f"{found.states - found.identical_states} of {found.states} states differ, "
-        f"{found.steps - found.identical_steps} of {found.steps} control steps"
+        f"{found.num_states - found.num_identical_states} of {found.num_states} states differ, "
+        f"{found.num_steps - found.num_identical_steps} of {found.num_steps} control steps"
     )
     print_table([asdict(difference) for difference in found.differences])
-    if found.agrees_within_rounding and not found.same_rounding:
+    if found.agrees_within_rounding and not found.has_same_rounding:
         print_line(
             f"The replay agrees: each tick from a recorded state reproduces the next state within "
-            f"{found.tick_error:.1g}. The C library of this computer rounds differently."
+            f"{found.max_tick_error:.1g}. The C library of this computer rounds differently."
         )
         return
     for difference in found.plugin_differences:
         print_line(f"A plug-in has changed: {difference}.")
     if found.plugin_differences:
         return
-    if found.same_versions:
+    if found.has_same_versions:
         raise ReplayError(
-            f"the replay differs from the recording, although both have the same versions: {found.recorded_with}; "
+            f"the replay differs from the recording, although both have the same versions: {found.recorded_versions}; "
             "restore a backup of the recording, or report this error"
         )
-    print_line(f"The trial was recorded with {found.recorded_with}; the installed versions are {versions()}.")
+    print_line(
+        f"The trial was recorded with {found.recorded_versions}; the installed versions are {read_package_versions()}."
+    )
 
 
 def _show_regions(recording: "Recording", json_file: Path | None) -> None:
     from avrgym.replay.playback import compute_region_loads
-    from avrgym.safety.region_forces import region_statistics
+    from avrgym.safety.region_forces import compute_region_statistics
 
     with _progress(recording, "recomputing") as advance:
-        found = region_statistics(compute_region_loads(recording, advance))
+        found = compute_region_statistics(compute_region_loads(recording, advance))
     figures = {region: asdict(each) for region, each in found.items()}
     print_region_forces({"this trial": figures})
     write_json(json_file, figures)
 
 
 def _write_video(recording: "Recording", video: Path, first_person: bool) -> None:
-    from avrgym.replay.pictures import write_video
+    from avrgym.replay.rendering import write_video
 
     with _progress(recording, "rendering") as advance:
         write_video(recording, video, first_person=first_person, progress=advance)
@@ -225,7 +229,7 @@ def _write_video(recording: "Recording", video: Path, first_person: bool) -> Non
 
 
 def _write_gif(recording: "Recording", gif: Path, first_person: bool) -> None:
-    from avrgym.replay.pictures import write_gif
+    from avrgym.replay.rendering import write_gif
 
     with _progress(recording, "rendering") as advance:
         write_gif(recording, gif, first_person=first_person, progress=advance)
@@ -242,7 +246,7 @@ def _write_mcap(recording: "Recording", mcap: Path) -> None:
 
 
 def _draw_strip(recording: "Recording", count: int, out: Path, first_person: bool) -> None:
-    from avrgym.replay.pictures import write_image_strip
+    from avrgym.replay.rendering import write_image_strip
 
     with _progress(recording, "drawing") as advance:
         times_s = write_image_strip(recording, count, out, first_person=first_person, progress=advance)
@@ -257,10 +261,10 @@ def _named(file: Path | None) -> list[tuple[Path, "Recording"]]:
 
 
 def _write_page(recordings: list[tuple[Path, "Recording"]], html: Path) -> None:
-    from avrgym.replay.page import ReplayedTrial, check_new_page, write_page
+    from avrgym.replay.page import ReplayedTrial, check_page_path, write_page
     from avrgym.replay.timeline import build_timeline
 
-    check_new_page(html)
+    check_page_path(html)
     trials: list[ReplayedTrial] = []
     for file, recording in recordings:
         with _with_file_name(file), _progress(recording, "recomputing") as advance:

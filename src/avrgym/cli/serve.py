@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from avrgym.cli.activity_log import log_start_and_end
-from avrgym.cli.names import unlock_identity_file
+from avrgym.cli.audit_log import log_start_and_end
 from avrgym.cli.options import (
-    ALLOWED_PEOPLE,
+    ALLOWED_PEOPLE_TEXT,
     AllowOtherSettingsOption,
     EpisodeStepsOption,
     ForceGuardOption,
@@ -23,24 +22,25 @@ from avrgym.cli.options import (
     SeedOption,
     SettingsOption,
 )
+from avrgym.cli.participant_names import unlock_identity_file
 from avrgym.cli.terminal import print_line, print_warning, report_errors
 from avrgym.models.body_names import SEXES, Sex
-from avrgym.policies.names import DEFAULT_POLICIES, OPERATOR_POLICY, POLICY_CHOICES
+from avrgym.policies.policy_names import DEFAULT_POLICY_NAMES, OPERATOR_POLICY_NAME, POLICY_CHOICES_TEXT
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.vr.server.addresses import ALL_INTERFACES, DEFAULT_PORT, LOOPBACK_HOSTS
+from avrgym.vr.server.network_addresses import ALL_INTERFACES, DEFAULT_PORT, LOOPBACK_HOSTS
 
 if TYPE_CHECKING:
     from avrgym.models.furniture.real_furniture import RealFurniture
     from avrgym.study.dashboard.request_log import LivePageLog
-    from avrgym.study.sessions.serving import StudySessions
-    from avrgym.vr.lab_streaming.choice import StreamSettings
-    from avrgym.vr.protocol.messages import SendMessage
+    from avrgym.study.sessions.study_sessions import StudySessions
+    from avrgym.vr.lab_streaming.stream_settings import StreamSettings
+    from avrgym.vr.protocol.messages import MessageSender
     from avrgym.vr.server.authentication import AuthenticatedClient
     from avrgym.vr.server.certificate import Certificate
     from avrgym.vr.server.live_server import LiveServer
+    from avrgym.vr.session.device_streams import DeviceStreams
     from avrgym.vr.session.events import SessionEvent
     from avrgym.vr.session.session import Session
-    from avrgym.vr.session.streams import DeviceStreams
 
 
 def serve(
@@ -59,8 +59,9 @@ def serve(
     policy: Annotated[
         str | None,
         typer.Option(
-            help=f"The policy that drives the robot: {POLICY_CHOICES}; or {OPERATOR_POLICY}. By default the first of "
-            f"{', '.join(DEFAULT_POLICIES)} that the environment has."
+            help=f"The policy that drives the robot: {POLICY_CHOICES_TEXT}; or {OPERATOR_POLICY_NAME}. By default the "
+            "first of "
+            f"{', '.join(DEFAULT_POLICY_NAMES)} that the environment has."
         ),
     ] = None,
     body: Annotated[
@@ -137,9 +138,9 @@ def serve(
     from concurrent.futures import ThreadPoolExecutor
 
     from avrgym.models.furniture.real_furniture import DEFAULT_FURNITURE, change_furniture
-    from avrgym.system.files import user_data_folder
-    from avrgym.vr.lab_streaming.choice import parse_stream_options
-    from avrgym.vr.server.certificate import lan_host_names, load_or_create_certificate
+    from avrgym.system.files import get_user_data_folder
+    from avrgym.vr.lab_streaming.stream_settings import parse_stream_options
+    from avrgym.vr.server.certificate import find_lan_host_names, load_or_create_certificate
     from avrgym.vr.server.live_server import LiveServer
 
     with report_errors(), ThreadPoolExecutor(1) as workers, ExitStack() as stack:
@@ -154,7 +155,9 @@ def serve(
             mattress_back_deg=mattress_back,
         )
         choice = parse_stream_options(send_streams, receive or [])
-        certificate = load_or_create_certificate(lan_host_names(), user_data_folder()) if lan else None
+        certificate = (
+            load_or_create_certificate(find_lan_host_names(), get_user_data_folder()) if lan else None
+        )
         address = host or (ALL_INTERFACES if lan else LOOPBACK_HOSTS[0])
         if participant is not None or (study / "study.toml").is_file():
             if force_guard is not None:
@@ -196,8 +199,8 @@ def serve(
             trial_steps=episode_steps,
         )
         with LiveServer(make_session, address, port, certificate) as server:
-            server.export_next_scene()
-            _explain(server, "spectator", server.page_urls())
+            server.export_newest_scene()
+            _explain(server, "spectator", server.list_page_urls())
             wait_for_server(server)
 
 
@@ -216,27 +219,27 @@ def _serve_study(
 
     If ``participant`` is given, start this participant's session.
     """
-    from avrgym.study.dashboard.application import dashboard_app
+    from avrgym.study.dashboard.application import make_dashboard_app
     from avrgym.study.dashboard.request_log import LivePageLog
-    from avrgym.study.dashboard.tokens import StudyTokens
+    from avrgym.study.dashboard.study_tokens import StudyTokens
     from avrgym.study.people.experimenters import ExperimenterTokens
-    from avrgym.study.sessions.links import session_links
-    from avrgym.study.sessions.serving import StudySessions
-    from avrgym.study.sessions.threads import StorageThread
+    from avrgym.study.sessions.session_threads import StorageThread
+    from avrgym.study.sessions.stored_session_links import load_session_links
+    from avrgym.study.sessions.study_sessions import StudySessions
     from avrgym.study.storage.identity_file import IDENTITY_FOLDER as PRIVATE
-    from avrgym.study.storage.remote_recordings import RecordingUploads
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.remote_recordings import RecordingUploader
+    from avrgym.study.storage.store import StudyStore
     from avrgym.vr.server.live_server import LiveServer
     from avrgym.vr.server.session_links import SessionLinks
     from avrgym.vr.server.sound_files import SOUNDS_FOLDER
 
     unlock_identity_file(folder)
     with (
-        Store(folder) as store,
-        nullcontext(session_links(store)) as links,
+        StudyStore(folder) as store,
+        nullcontext(load_session_links(store)) as links,
         nullcontext(SessionLinks()) as caregiver_links,
         log_start_and_end(store, "start server", "stop server"),
-        RecordingUploads(store, print_warning),
+        RecordingUploader(store, print_warning),
         StorageThread() as storing,
         ExperimenterTokens(store) as experimenters,
         _streams(store.design.streams) as streams,
@@ -256,14 +259,14 @@ def _serve_study(
             host,
             port,
             certificate,
-            study=lambda tokens, sessions: dashboard_app(
+            study=lambda tokens, sessions: make_dashboard_app(
                 store,
                 tokens,
                 sessions,
-                lambda link: server.page_urls(token=link),
-                lambda link: server.page_urls("caregiver", link),
+                lambda link: server.list_page_urls(token=link),
+                lambda link: server.list_page_urls("caregiver", link),
             ),
-            tokens=StudyTokens.of_study(
+            tokens=StudyTokens.load_for_study(
                 folder / PRIVATE / "tokens.json", experimenters, links, caregiver_links
             ),
             sounds=folder / SOUNDS_FOLDER,
@@ -271,13 +274,15 @@ def _serve_study(
             links=links,
         ) as server,
     ):
-        server.export_next_scene()
+        server.export_newest_scene()
         _explain(
             server,
             "dashboard",
-            server.page_urls(token=links.link) if links.link else server.participant_urls_without_token(),
+            server.list_page_urls(token=links.current_link_token)
+            if links.current_link_token
+            else server.list_participant_urls_without_token(),
         )
-        if links.link is None:
+        if links.current_link_token is None:
             print_line(
                 "Each session has its own link. Start a session on the dashboard, and enter its code on the headset."
             )
@@ -287,7 +292,7 @@ def _serve_study(
 def _record(
     log: "LivePageLog", sessions: "StudySessions", caller: "AuthenticatedClient", message: Any
 ) -> None:
-    log.log_message(caller, message, sessions.participant)
+    log.log_message(caller, message, sessions.running_participant)
 
 
 def _streams(choice: "StreamSettings") -> "AbstractContextManager[DeviceStreams | None]":
@@ -321,7 +326,7 @@ def _free_session(
     settings: list[str] | None,
     allow_other_settings: bool,
     trial_steps: int,
-) -> "Callable[[SendMessage], Session]":
+) -> "Callable[[MessageSender], Session]":
     """Returns a function that starts a session without a study."""
     from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, translate_items
     from avrgym.tasks.settings import parse_settings
@@ -335,21 +340,23 @@ def _free_session(
         planned,
         person,
         free_movement_s=5.0,
-        simulated=False,
-        items=translate_items(LIKERT_ITEMS, texts),
+        is_simulated=False,
+        questionnaire_items=translate_items(LIKERT_ITEMS, texts),
         furniture=furniture,
-        force_guard=force_guard,
+        has_force_guard=force_guard,
         texts=texts,
         headset_check=HeadsetCheckPlan() if check else None,
-        measure_reach=reach,
+        reach_measurement_enabled=reach,
         settings=parse_settings(settings or []),
         allow_other_settings=allow_other_settings,
         trial_steps=trial_steps,
     )
     policies = load_policies(plan)
     for environment, name in policies if policy is None else ():
-        if name != DEFAULT_POLICIES[0]:
-            print_warning(f"{environment} has no policy {DEFAULT_POLICIES[0]}; its robot is driven by {name}")
+        if name != DEFAULT_POLICY_NAMES[0]:
+            print_warning(
+                f"{environment} has no policy {DEFAULT_POLICY_NAMES[0]}; its robot is driven by {name}"
+            )
     recordings, name = folder / "recordings", folder.name
     return lambda send: Session(
         plan,
@@ -365,12 +372,12 @@ def _free_session(
 
 def _tell_check(happened: "SessionEvent") -> None:
     """Print the result of a headset check; ignore other events."""
-    from avrgym.vr.headset_check import measurement_text, result_text
+    from avrgym.vr.headset_check import format_measurements, format_result
     from avrgym.vr.session.events import HeadsetChecked
 
     if isinstance(happened, HeadsetChecked):
-        print_line(f"Headset check: {result_text(happened.check)}")
-        print_line(f"    {measurement_text(happened.check)}")
+        print_line(f"Headset check: {format_result(happened.check)}")
+        print_line(f"    {format_measurements(happened.check)}")
 
 
 def _explain(server: "LiveServer[Any]", experimenters_page: str, participants: list[str]) -> None:
@@ -388,11 +395,11 @@ def _explain(server: "LiveServer[Any]", experimenters_page: str, participants: l
     if in_network:
         _explain_network(in_network)
     print_line("Experimenter (do not give this address to the participant)")
-    print_line(f"    {server.page_urls(experimenters_page, server.tokens.experimenter)[0]}")
+    print_line(f"    {server.list_page_urls(experimenters_page, server.tokens.experimenter)[0]}")
     print_line("Demonstrator, who drives the robot in trials with the policy operator")
-    print_line(f"    {server.page_urls('demonstrator', server.tokens.demonstrator)[0]}")
+    print_line(f"    {server.list_page_urls('demonstrator', server.tokens.demonstrator)[0]}")
     print_line("Spectators")
-    print_line(f"    {server.page_urls('spectator', server.tokens.spectator)[0]}")
+    print_line(f"    {server.list_page_urls('spectator', server.tokens.spectator)[0]}")
     print_line("Stop with Ctrl+C.")
 
 
@@ -410,7 +417,7 @@ def _explain_network(urls: list[str]) -> None:
 def view(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
     policy: PolicyOption = "oracle",
-    people: Annotated[str, typer.Option(help=f"The population: {ALLOWED_PEOPLE}.")] = "revised",
+    people: Annotated[str, typer.Option(help=f"The population: {ALLOWED_PEOPLE_TEXT}.")] = "revised",
     impairment: ImpairmentOption = "none",
     port: PortOption = DEFAULT_PORT,
     seed: SeedOption = 0,
@@ -447,9 +454,9 @@ def view(
             port,
         ) as server,
     ):
-        server.export_next_scene()
+        server.export_newest_scene()
         print_line("Open this address in a browser; drag to look around. Stop with Ctrl+C.")
-        print_line(f"    {server.page_urls('spectator', server.tokens.experimenter)[0]}")
+        print_line(f"    {server.list_page_urls('spectator', server.tokens.experimenter)[0]}")
         wait_for_server(server)
 
 

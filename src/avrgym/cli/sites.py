@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from avrgym.cli.activity_log import log_command
-from avrgym.cli.progress import CONTINUE_HINT, progress_bar
+from avrgym.cli.audit_log import log_command
+from avrgym.cli.progress import CONTINUE_HINT, show_progress_bar
 from avrgym.cli.terminal import (
     JsonFileOption,
     check_json_file,
@@ -18,7 +18,7 @@ from avrgym.cli.terminal import (
 )
 
 if TYPE_CHECKING:
-    from avrgym.study.checking.summary import StudySummary
+    from avrgym.study.checking.study_summary import StudySummary
 
 
 def merge(
@@ -42,13 +42,13 @@ def merge(
 
     Repeat the command to add new data of the sites. Names of participants are not copied.
     """
-    from avrgym.study.merge.merging import merge_studies
-    from avrgym.study.storage.store import Store
+    from avrgym.study.merge.study_merge import merge_studies
+    from avrgym.study.storage.store import StudyStore
 
     notes: list[str] = []
     with report_errors():
         check_json_file(json_file)
-        with progress_bar("comparing recordings", unit="recordings", stopped=CONTINUE_HINT) as bar:
+        with show_progress_bar("comparing recordings", unit="recordings", stopped=CONTINUE_HINT) as bar:
             sites = merge_studies(
                 folders,
                 out,
@@ -61,7 +61,7 @@ def merge(
             site.written_row_count or site.copied_recording_count or site.deleted_participant_count
             for site in sites
         ):
-            with Store(out) as merged:
+            with StudyStore(out) as merged:
                 log_command(merged, "merge", detail=", ".join(site.site_name for site in sites))
         write_json(json_file, [asdict(site) for site in sites])
     for words in notes:

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from avrgym.cli.activity_log import log_command
+from avrgym.cli.audit_log import log_command
 from avrgym.cli.experimenters import add_experimenter, experimenters, revoke_experimenter
 from avrgym.cli.invitations import invitations, invite
-from avrgym.cli.names import encrypt_names, names, print_name_encryption, unlock_identity_file
-from avrgym.cli.options import ALLOWED_PEOPLE, Cluster, ImpairmentOption, cluster_connection
+from avrgym.cli.options import ALLOWED_PEOPLE_TEXT, ClusterOption, ImpairmentOption, connect_cluster
+from avrgym.cli.participant_names import encrypt_names, names, print_name_encryption, unlock_identity_file
 from avrgym.cli.participant_records import (
     adverse_events,
     change_input,
@@ -27,11 +27,11 @@ from avrgym.cli.plan import (
     StudyFolderArgument,
     check_study_and_plan,
     freeze,
-    frozen_at_and_deviations,
     power,
     quality,
+    read_plan_deviations,
 )
-from avrgym.cli.progress import CONTINUE_HINT, progress_bar
+from avrgym.cli.progress import CONTINUE_HINT, show_progress_bar
 from avrgym.cli.sites import merge, print_order_counts
 from avrgym.cli.terminal import (
     JobsOption,
@@ -44,14 +44,14 @@ from avrgym.cli.terminal import (
     report_errors,
     write_json,
 )
-from avrgym.commands.input_names import INPUT_METHODS
-from avrgym.commands.respondents import CONSENT_ROLES, PARTICIPANT
+from avrgym.commands.input_methods import INPUT_METHODS
+from avrgym.commands.respondents import CONSENT_ROLES, PARTICIPANT_RESPONDENT
 from avrgym.models.body_names import SEXES
 
 if TYPE_CHECKING:
-    from avrgym.study.checking.summary import ParticipantSummary
-    from avrgym.study.storage.rows import Participant
-    from avrgym.study.storage.store import Store
+    from avrgym.study.checking.study_summary import ParticipantSummary
+    from avrgym.study.storage.database_rows import Participant
+    from avrgym.study.storage.store import StudyStore
 
 app = typer.Typer(no_args_is_help=True, help="Run a study, from its design to the export of its data.")
 IDENTITY_FILE_HELP = "Stored only in private/identities.json, encrypted."
@@ -100,14 +100,14 @@ def status(folder: StudyFolderArgument, json_file: JsonFileOption = None) -> Non
 
     It lists participants, their trials, the number of participants in each order, and deviations from the plan.
     """
-    from avrgym.study.checking.summary import summarise_study
-    from avrgym.study.storage.store import Store
+    from avrgym.study.checking.study_summary import summarise_study
+    from avrgym.study.storage.store import StudyStore
 
     with report_errors():
         check_json_file(json_file)
-        with Store(folder) as store:
+        with StudyStore(folder) as store:
             summary = summarise_study(store)
-            frozen_at, deviations = frozen_at_and_deviations(store)
+            frozen_at, deviations = read_plan_deviations(store)
         plan = {"plan_frozen_at": frozen_at, "deviations": [asdict(each) for each in deviations]}
         write_json(json_file, asdict(summary) | plan)
     print_line(f"{summary.title}")
@@ -159,15 +159,15 @@ def enrol_participant(
 
     Each person takes part only once. The command therefore rejects the name or contact of another participant.
     """
-    from avrgym.study.people.input_profiles import parse_profile
+    from avrgym.study.people.input_profiles import make_input_profile
     from avrgym.study.people.participants import enrol_participant as take_in
     from avrgym.study.storage import identity_file
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.store import StudyStore
 
-    with report_errors(), Store(folder) as store:
+    with report_errors(), StudyStore(folder) as store:
         if body not in SEXES:
             raise ValueError(f"unknown body model {body!r}; allowed: {', '.join(SEXES)}")
-        first = not identity_file.identity_path(folder).exists()
+        first = not identity_file.find_identity_file_path(folder).exists()
         if name or contact:
             unlock_identity_file(folder)
         pseudonym = take_in(
@@ -179,7 +179,7 @@ def enrol_participant(
             contact=contact,
             site=site,
             confirm_duplicate=confirm_duplicate,
-            input_profile=parse_profile({"method": method}) if method else None,
+            input_profile=make_input_profile({"method": method}) if method else None,
         )
         log_command(store, "enrol", pseudonym)
     print_line(f"enrolled  {pseudonym}")
@@ -201,12 +201,12 @@ def consent(
     After a new version of the consent text, participants must consent again. If a participant cannot consent alone,
     store two records: the consent of a representative (--by proxy), and the participant's assent (--by assent).
     """
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.store import StudyStore
 
-    with report_errors(), Store(folder) as store:
+    with report_errors(), StudyStore(folder) as store:
         if by not in CONSENT_ROLES:
             raise RuntimeError(f"--by is {by!r}; allowed: {', '.join(CONSENT_ROLES)}")
-        person = store.participant(participant)
+        person = store.read_participant(participant)
         if person.must_reconsent(store.design.consent.version):
             if not _ask_again(store, person, by):
                 return
@@ -216,9 +216,9 @@ def consent(
             _ask_for_inclusion(store, person)
 
 
-def _ask_for_consent(store: "Store", person: "Participant", by: str) -> bool:
+def _ask_for_consent(store: "StudyStore", person: "Participant", by: str) -> bool:
     """Ask for consent, and store the answer. Returns whether the consent is complete."""
-    from avrgym.study.storage.states import check_transition
+    from avrgym.study.storage.state_transitions import check_transition
 
     check_transition("participant", person.pseudonym, person.state, "consented")
     if not _agrees(store, person):
@@ -226,19 +226,19 @@ def _ask_for_consent(store: "Store", person: "Participant", by: str) -> bool:
     return _record(store, person, by)
 
 
-def _record(store: "Store", person: "Participant", by: str) -> bool:
+def _record(store: "StudyStore", person: "Participant", by: str) -> bool:
     """Store a consent. Returns whether it is complete: consent of a representative and assent need each other."""
     from avrgym.study.people.participants import record_consent
 
     complete = record_consent(store, person.pseudonym, by)
-    log_command(store, "consent", person.pseudonym, detail="" if by == PARTICIPANT else by)
+    log_command(store, "consent", person.pseudonym, detail="" if by == PARTICIPANT_RESPONDENT else by)
     if not complete:
         missing = "assent" if by == "proxy" else "proxy"
         print_line(f"{person}: stored; next `avrgym study consent {store.folder} {person} --by {missing}`")
     return complete
 
 
-def _ask_again(store: "Store", person: "Participant", by: str) -> bool:
+def _ask_again(store: "StudyStore", person: "Participant", by: str) -> bool:
     """Ask for consent to a new version of the text. Returns whether the participant still takes part."""
     from avrgym.study.people.participants import decline_consent
 
@@ -258,20 +258,20 @@ def _ask_again(store: "Store", person: "Participant", by: str) -> bool:
     return False
 
 
-def _agrees(store: "Store", person: "Participant") -> bool:
-    from avrgym.study.people.participants import consent_text
+def _agrees(store: "StudyStore", person: "Participant") -> bool:
+    from avrgym.study.people.participants import read_consent_text
 
-    shown = consent_text(store, person)
+    shown = read_consent_text(store, person)
     print_line(f"Consent, version {shown.version}\n\n{shown.text.strip()}\n")
     return confirm("Do you agree?")
 
 
-def _ask_for_inclusion(store: "Store", person: "Participant") -> None:
-    from avrgym.study.people.participants import participant_texts, record_inclusion
+def _ask_for_inclusion(store: "StudyStore", person: "Participant") -> None:
+    from avrgym.study.people.participants import read_participant_texts, record_inclusion_answers
 
-    participant, texts = person.pseudonym, participant_texts(store, person)
+    participant, texts = person.pseudonym, read_participant_texts(store, person)
     answers = {question.id: confirm(texts.translate(question.text)) for question in store.design.inclusion}
-    fits = record_inclusion(store, participant, answers)
+    fits = record_inclusion_answers(store, participant, answers)
     log_command(store, "inclusion", participant)
     print_line(f"{participant} takes part" if fits else f"{participant} cannot take part")
 
@@ -286,10 +286,10 @@ def withdraw(
 
     A withdrawal is final. A running session of the participant ends within a second.
     """
-    from avrgym.study.people.participants import withdraw as end_participation
-    from avrgym.study.storage.store import Store
+    from avrgym.study.people.participants import withdraw_participant as end_participation
+    from avrgym.study.storage.store import StudyStore
 
-    with report_errors(), Store(folder) as store:
+    with report_errors(), StudyStore(folder) as store:
         end_participation(store, participant, reason)
         log_command(store, "withdraw", participant)
     print_line(f"{participant} has withdrawn")
@@ -303,15 +303,15 @@ def confirm_participation(
         str, typer.Option(help="Evidence of the consent without names, such as a signed form and its place.")
     ],
 ) -> None:
-    """Confirm that a participant takes part, after a rebuild of the database.
+    """Confirm participation after a database rebuild.
 
     After `study rebuild`, the state of some participants is unknown. Confirm each participant who consented and did not
     withdraw.
     """
     from avrgym.study.people.participants import confirm_participation as confirm_by
-    from avrgym.study.storage.store import Store
+    from avrgym.study.storage.store import StudyStore
 
-    with report_errors(), Store(folder) as store:
+    with report_errors(), StudyStore(folder) as store:
         state = confirm_by(store, participant, evidence)
     print_line(f"{participant} is {state}; `check` and the report contain the experimenter's confirmation")
 
@@ -323,29 +323,29 @@ def simulate(
         int, typer.Option(help="Number of simulated participants of the study.", min=1)
     ] = 8,
     seed: Annotated[int, typer.Option(help="Random seed. The same seed gives the same study.", min=0)] = 0,
-    people: Annotated[str, typer.Option(help=f"The population: {ALLOWED_PEOPLE}.")] = "participants",
+    people: Annotated[str, typer.Option(help=f"The population: {ALLOWED_PEOPLE_TEXT}.")] = "participants",
     impairment: ImpairmentOption = "none",
     jobs: JobsOption = None,
-    cluster: Cluster = None,
+    cluster: ClusterOption = None,
     json_file: JsonFileOption = None,
 ) -> None:
     """Simulate the sessions of participants.
 
     The sessions run in simulated time. If the command is repeated, it continues the earlier simulation.
     """
-    from avrgym.study.checking.summary import summarise_study
-    from avrgym.study.sessions.simulation import simulate_study
-    from avrgym.study.storage.remote_recordings import RecordingUploads
-    from avrgym.study.storage.store import Store
+    from avrgym.study.checking.study_summary import summarise_study
+    from avrgym.study.sessions.dry_run import simulate_study
+    from avrgym.study.storage.remote_recordings import RecordingUploader
+    from avrgym.study.storage.store import StudyStore
 
     with report_errors():
         check_json_file(json_file)
         with (
-            cluster_connection(cluster, jobs) as workers,
-            progress_bar("simulating", unit="trials", stopped=CONTINUE_HINT) as bar,
+            connect_cluster(cluster, jobs) as workers,
+            show_progress_bar("simulating", unit="trials", stopped=CONTINUE_HINT) as bar,
         ):
             simulate_study(folder, participants, seed, bar.update, jobs, people, impairment, workers)
-        with Store(folder) as store, RecordingUploads(store, print_warning):
+        with StudyStore(folder) as store, RecordingUploader(store, print_warning):
             log_command(store, "simulate", detail=f"{participants} participants, seed {seed}")
             summary = summarise_study(store)
         write_json(json_file, asdict(summary))
@@ -366,17 +366,17 @@ def check(
 
     The command loads all policies, and checks that stored data are complete and unchanged.
     """
-    from avrgym.study.checking.database_checks import fix_permissions as fix
-    from avrgym.study.storage.store import Store
+    from avrgym.study.checking.database_checks import restrict_file_permissions as fix
+    from avrgym.study.storage.store import StudyStore
 
     with report_errors():
         check_json_file(json_file)
-        with Store(folder) as store:
+        with StudyStore(folder) as store:
             if fix_permissions:
                 fix(store)
                 log_command(store, "fix permissions")
             findings = check_study_and_plan(store)
-            head = store.database.chain_head()
+            head = store.database.read_chain_head()
         write_json(json_file, [asdict(finding) for finding in findings])
     for finding in findings:
         print_line(f"{'error' if finding.is_error else 'note '}  {finding.where}: {finding.message}")
@@ -394,12 +394,12 @@ def rebuild(folder: StudyFolderArgument) -> None:
     The command also uses the participation list. It lists data that cannot be rebuilt. Names and recordings are not
     changed.
     """
-    from avrgym.study.checking.rebuilding import rebuild_study
-    from avrgym.study.storage.store import Store
+    from avrgym.study.checking.database_rebuild import rebuild_study_database
+    from avrgym.study.storage.store import StudyStore
 
     with report_errors():
-        rebuilt = rebuild_study(folder)
-        with Store(folder) as store:
+        rebuilt = rebuild_study_database(folder)
+        with StudyStore(folder) as store:
             log_command(store, "rebuild")
     print_line(
         f"{rebuilt.participant_count} participants, {rebuilt.attempt_count} attempts, {rebuilt.answer_count} answers"
@@ -452,14 +452,14 @@ def export(
     The export contains movements of head and hands, which can identify a person.
     """
     from avrgym.study.export import export_study
-    from avrgym.study.export.records import ExportOptions
-    from avrgym.study.storage.store import Store
+    from avrgym.study.export.event_tables import ExportOptions
+    from avrgym.study.storage.store import StudyStore
 
     left_out: list[str] = []
     with (
         report_errors(),
-        Store(folder) as store,
-        progress_bar("verifying recordings", unit="recordings") as bar,
+        StudyStore(folder) as store,
+        show_progress_bar("verifying recordings", unit="recordings") as bar,
     ):
         files = export_study(
             store,
@@ -489,10 +489,10 @@ def delete_participant(
     The command deletes the participant's recordings, database rows and name. It also deletes all backups of the
     database, and the study's analysis.
     """
-    from avrgym.study.people.deletion import delete_participant as delete
-    from avrgym.study.storage.store import Store
+    from avrgym.study.people.participant_deletion import delete_participant as delete
+    from avrgym.study.storage.store import StudyStore
 
-    with report_errors(), Store(folder) as store:
+    with report_errors(), StudyStore(folder) as store:
         delete(store, participant)
         log_command(store, "delete participant", participant)
     print_line(f"{participant} is deleted. Delete earlier exports and copies outside the study yourself.")

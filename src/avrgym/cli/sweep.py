@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from avrgym.cli.options import Cluster, cluster_connection
-from avrgym.cli.progress import progress_bar
+from avrgym.cli.options import ClusterOption, connect_cluster
+from avrgym.cli.progress import show_progress_bar
 from avrgym.cli.terminal import (
     JobsOption,
     JsonFileOption,
@@ -33,7 +33,7 @@ def sweep(
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue the sweep in the folder of --out, without FILE.")
     ] = False,
-    cluster: Cluster = "local",
+    cluster: ClusterOption = "local",
     jobs: JobsOption = None,
     json_file: JsonFileOption = None,
 ) -> None:
@@ -48,18 +48,18 @@ def sweep(
             raise ValueError(
                 "a new sweep needs FILE; --resume needs --out DIR, the folder of the sweep, and no FILE"
             )
-        from avrgym.learning.sweep import create_sweep, run_sweep, training_runs_by_group
+        from avrgym.learning.sweep import create_sweep, read_planned_runs, run_sweep
 
         folder = out or Path("runs") / (file or Path()).stem
         if file is not None:
             create_sweep(file, folder)
-        groups = training_runs_by_group(folder)
+        groups = read_planned_runs(folder)
         steps = sum(each.configuration.total_steps for group in groups.values() for each in group)
         again = f"`avrgym sweep --resume --out {shlex.quote(str(folder))}` continues it"
         made: dict[str, int] = {}
         with (
-            cluster_connection(cluster, jobs),
-            progress_bar("training runs", steps, "steps", stopped=again) as bar,
+            connect_cluster(cluster, jobs),
+            show_progress_bar("training runs", steps, "steps", stopped=again) as bar,
         ):
 
             def report(name: str, steps_made: int) -> None:

@@ -44,7 +44,7 @@ def report_errors() -> Generator[None]:
         yield
     except (ValueError, OSError, RuntimeError) as error:
         line = " ".join(f"avrgym: {_error_text(error)}".splitlines())
-        typer.echo(printable_text(line, sys.stderr.encoding), err=True)
+        typer.echo(escape_control_characters(line, sys.stderr.encoding), err=True)
         raise typer.Exit(1) from error
 
 
@@ -80,7 +80,7 @@ def write_json(path: Path | None, metrics: list[dict[str, Any]] | dict[str, Any]
         write_atomically(path, (json.dumps(metrics, indent=2) + "\n").encode())
 
 
-def printable_text(text: str, encoding: str | None = None) -> str:
+def escape_control_characters(text: str, encoding: str | None = None) -> str:
     """Returns the text with escaped control characters, except line breaks and tabs.
 
     Characters that the encoding lacks are also escaped.
@@ -91,21 +91,21 @@ def printable_text(text: str, encoding: str | None = None) -> str:
 
 def print_line(text: str) -> None:
     """Print a line without wrapping. Paths and addresses can then be copied."""
-    typer.echo(printable_text(text))
+    typer.echo(escape_control_characters(text))
 
 
-def print_skipped(what: str, error: Exception) -> None:
+def print_skipped_item(what: str, error: Exception) -> None:
     """Print a line on stderr with the item ``what`` that the command omits, and the reason."""
     reason = (
         str(error) if isinstance(error, ValueError | RuntimeError) else f"{type(error).__name__}: {error}"
     )
     line = " ".join(f"left out  {what}: {reason}".split("\n"))
-    typer.echo(printable_text(line, sys.stderr.encoding), err=True)
+    typer.echo(escape_control_characters(line, sys.stderr.encoding), err=True)
 
 
 def print_warning(text: str) -> None:
     """Print ``avrgym: warning:`` and the text on stderr."""
-    typer.echo(printable_text(f"avrgym: warning: {text}", sys.stderr.encoding), err=True)
+    typer.echo(escape_control_characters(f"avrgym: warning: {text}", sys.stderr.encoding), err=True)
 
 
 def make_console(width: int | None = None) -> "Console":
@@ -118,7 +118,7 @@ def make_console(width: int | None = None) -> "Console":
 
 def confirm(question: str) -> bool:
     """Ask a yes-no question. Returns whether the answer is yes."""
-    return typer.confirm(printable_text(question))
+    return typer.confirm(escape_control_characters(question))
 
 
 def print_table(rows: list[dict[str, Any]]) -> None:
@@ -151,9 +151,9 @@ def print_region_forces(forces: Mapping[str, Mapping[str, Mapping[str, Any]]]) -
 
 def _cell(value: Any) -> str:
     if value is None:
-        return EMPTY_CELL_TEXT if printable_text(EMPTY_CELL_TEXT) == EMPTY_CELL_TEXT else "-"
+        return EMPTY_CELL_TEXT if escape_control_characters(EMPTY_CELL_TEXT) == EMPTY_CELL_TEXT else "-"
     if isinstance(value, float):
         return f"{value:.3g}"
     if is_array(value):
         return ", ".join(_cell(item) for item in value)
-    return printable_text(str(value)).expandtabs()
+    return escape_control_characters(str(value)).expandtabs()

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from avrgym.cli.options import (
-    ALLOWED_PEOPLE,
-    Cluster,
+    ALLOWED_PEOPLE_TEXT,
+    ClusterOption,
     EngineOption,
     EpisodeStepsOption,
     ForceGuardOption,
@@ -19,25 +19,30 @@ from avrgym.cli.options import (
     SeedOption,
     SettingsOption,
     WithdrawAfterSuccessOption,
-    cluster_connection,
+    connect_cluster,
 )
-from avrgym.cli.progress import progress_bar
+from avrgym.cli.progress import show_progress_bar
 from avrgym.cli.terminal import (
     print_line,
     report_errors,
 )
-from avrgym.system.engines import THREADS
+from avrgym.system.engine_names import THREADS
 from avrgym.tasks.constants import EPISODE_STEPS
 
 if TYPE_CHECKING:
     from avrgym.learning import training
-    from avrgym.learning.configuration import AnyConfiguration
+    from avrgym.learning.configuration import AnyTrainingConfiguration
 
-ADAPTIVE, PAPER_HYPERPARAMETERS, PAIR, VISUAL = RECIPES = ("adaptive", "paper", "pair", "visual")
+ADAPTIVE_RECIPE, PAPER_RECIPE, PAIR_RECIPE, VISUAL_RECIPE = RECIPE_NAMES = (
+    "adaptive",
+    "paper",
+    "pair",
+    "visual",
+)
 OPTIONS_FIXED_BY_RECIPE: dict[str | None, tuple[str, ...]] = {
-    ADAPTIVE: ("--config", "--people", "--impairment", "--cluster", "--engine"),
-    PAPER_HYPERPARAMETERS: ("--config",),
-    VISUAL: (
+    ADAPTIVE_RECIPE: ("--config", "--people", "--impairment", "--cluster", "--engine"),
+    PAPER_RECIPE: ("--config",),
+    VISUAL_RECIPE: (
         "--config",
         "--people",
         "--impairment",
@@ -48,12 +53,12 @@ OPTIONS_FIXED_BY_RECIPE: dict[str | None, tuple[str, ...]] = {
         "--reward",
     ),
 }
-RECIPE_OF_OPTION = {
-    "--teacher": ADAPTIVE,
-    "--initial-policy": ADAPTIVE,
-    "--imitation-share": ADAPTIVE,
-    "--alternate": PAIR,
-    "--own-reward": PAIR,
+RECIPE_BY_OPTION = {
+    "--teacher": ADAPTIVE_RECIPE,
+    "--initial-policy": ADAPTIVE_RECIPE,
+    "--imitation-share": ADAPTIVE_RECIPE,
+    "--alternate": PAIR_RECIPE,
+    "--own-reward": PAIR_RECIPE,
 }
 """Recipe by option, for the options that only one recipe accepts."""
 NEW_RUN_OPTIONS = (
@@ -64,14 +69,14 @@ NEW_RUN_OPTIONS = (
     "--withdraw-after-success",
     "--set",
     "--episode-steps",
-    *RECIPE_OF_OPTION,
+    *RECIPE_BY_OPTION,
 )
 """Options of a new training run. ``--resume`` rejects them, because they cannot change during a run."""
 
 
 def train(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
-    people: Annotated[str, typer.Option(help=f"People to train with: {ALLOWED_PEOPLE}.")] = "original",
+    people: Annotated[str, typer.Option(help=f"People to train with: {ALLOWED_PEOPLE_TEXT}.")] = "original",
     impairment: ImpairmentOption = "none",
     steps: Annotated[
         int | None,
@@ -162,7 +167,7 @@ def train(
             min=1,
         ),
     ] = None,
-    cluster: Cluster = None,
+    cluster: ClusterOption = None,
     jobs: Annotated[
         int | None,
         typer.Option(
@@ -176,7 +181,7 @@ def train(
 
     Install `avrgym[train]` first.
     """
-    from avrgym.learning.hyperparameter_files import hyperparameters_text
+    from avrgym.learning.hyperparameter_files import format_hyperparameters
     from avrgym.learning.preference_reward import read_preference_weights
     from avrgym.people.populations import HUMAN_POLICY_FILE
     from avrgym.simulation.engines.engine import check_engine_name
@@ -186,7 +191,7 @@ def train(
     with report_errors():
         find_environment(env)
         if help_config:
-            print_line(hyperparameters_text(env))
+            print_line(format_hyperparameters(env))
             return
         given = {
             "--config": config is not None,
@@ -236,28 +241,28 @@ def train(
             }
             configuration = _configuration(env, seed, recipe, config, options)
         with (
-            cluster_connection(cluster, jobs) as workers,
+            connect_cluster(cluster, jobs) as workers,
             _progress(env, configuration.total_steps, folder, recipe) as report,
         ):
             if resume:
-                training.resume(folder, report, steps, cluster=workers)
+                training.resume_training(folder, report, steps, cluster=workers)
             else:
                 training.train(configuration, folder, report, cluster=workers)
     print_line(f"policy    {folder / training.POLICY_FILE}")
-    if recipe == PAIR or (folder / HUMAN_POLICY_FILE).exists():
+    if recipe == PAIR_RECIPE or (folder / HUMAN_POLICY_FILE).exists():
         print_line(f"human     {folder / HUMAN_POLICY_FILE}")
 
 
 def _check_together(recipe: str | None, given: list[str], *, resume: bool) -> None:
     """Raises ``ValueError`` for an unknown recipe, or for options that cannot be combined."""
-    if recipe is not None and recipe not in RECIPES:
-        raise ValueError(f"unknown recipe {recipe!r}; allowed: {', '.join(RECIPES)}")
+    if recipe is not None and recipe not in RECIPE_NAMES:
+        raise ValueError(f"unknown recipe {recipe!r}; allowed: {', '.join(RECIPE_NAMES)}")
     fixed = [name for name in given if name in OPTIONS_FIXED_BY_RECIPE.get(recipe, ())]
     if fixed:
         raise ValueError(f"--recipe {recipe} does not accept {', '.join(fixed)}; remove these options")
     for name in given:
-        if name in RECIPE_OF_OPTION and recipe != RECIPE_OF_OPTION[name]:
-            raise ValueError(f"{name} needs --recipe {RECIPE_OF_OPTION[name]}")
+        if name in RECIPE_BY_OPTION and recipe != RECIPE_BY_OPTION[name]:
+            raise ValueError(f"{name} needs --recipe {RECIPE_BY_OPTION[name]}")
         if resume and name in NEW_RUN_OPTIONS:
             raise ValueError(
                 f"--resume does not accept {name}, because the configuration of a training run cannot change; "
@@ -269,16 +274,16 @@ def _check_together(recipe: str | None, given: list[str], *, resume: bool) -> No
 
 def _configuration(
     env: str, seed: int, recipe: str | None, config: Path | None, options: dict[str, Any]
-) -> "AnyConfiguration":
+) -> "AnyTrainingConfiguration":
     """Returns the configuration of a new training run. An option that is ``None`` has the recipe's default value."""
     from avrgym.learning.configuration import (
         JointTrainingSettings,
         RecurrentConfiguration,
         VisualConfiguration,
-        configuration_for,
+        make_feedforward_configuration,
     )
     from avrgym.learning.hyperparameter_files import read_hyperparameters
-    from avrgym.learning.hyperparameters import DEFAULT_TRAINING_STEPS, PAPER_STEPS
+    from avrgym.learning.hyperparameters import DEFAULT_TRAINING_STEPS, PAPER_TRAINING_STEPS
     from avrgym.learning.hyperparameters import PAPER_HYPERPARAMETERS as OF_PAPER
 
     common = (
@@ -290,22 +295,22 @@ def _configuration(
         "episode_steps",
         "preference_weights",
     )
-    names = (*common, *(("teacher", "initial", "imitation_share") if recipe == ADAPTIVE else ()))
+    names = (*common, *(("teacher", "initial", "imitation_share") if recipe == ADAPTIVE_RECIPE else ()))
     given = {name: options[name] for name in names if options[name] is not None}
-    if recipe == ADAPTIVE:
+    if recipe == ADAPTIVE_RECIPE:
         return RecurrentConfiguration(environment=env, seed=seed, **given)
-    if recipe == VISUAL:
+    if recipe == VISUAL_RECIPE:
         return VisualConfiguration(environment=env, seed=seed, **given)
-    hyperparameters = OF_PAPER if recipe == PAPER_HYPERPARAMETERS else None
+    hyperparameters = OF_PAPER if recipe == PAPER_RECIPE else None
     if config is not None:
         hyperparameters = read_hyperparameters(config, env)
     pairing = None
-    if recipe == PAIR:
+    if recipe == PAIR_RECIPE:
         pairing = JointTrainingSettings(
             alternate=options["alternate"], shared_reward=not options["own_reward"]
         )
-    steps = PAPER_STEPS if recipe == PAPER_HYPERPARAMETERS else DEFAULT_TRAINING_STEPS
-    configuration = configuration_for(
+    steps = PAPER_TRAINING_STEPS if recipe == PAPER_RECIPE else DEFAULT_TRAINING_STEPS
+    configuration = make_feedforward_configuration(
         env,
         options["people"],
         steps,
@@ -318,7 +323,7 @@ def _configuration(
     return replace(configuration, **given)
 
 
-def _stored(folder: Path, env: str, recipe: str | None) -> "AnyConfiguration":
+def _stored(folder: Path, env: str, recipe: str | None) -> "AnyTrainingConfiguration":
     """Returns the stored configuration of a training run. Raises ``ValueError`` if its environment or recipe differs
     from the arguments."""
     from avrgym.learning.configuration import (
@@ -337,10 +342,10 @@ def _stored(folder: Path, env: str, recipe: str | None) -> "AnyConfiguration":
     visual = isinstance(configuration, VisualConfiguration)
     fits = {
         None: True,
-        ADAPTIVE: recurrent,
-        VISUAL: visual,
-        PAPER_HYPERPARAMETERS: not recurrent and not visual,
-        PAIR: not recurrent and not visual and configuration.pairing,
+        ADAPTIVE_RECIPE: recurrent,
+        VISUAL_RECIPE: visual,
+        PAPER_RECIPE: not recurrent and not visual,
+        PAIR_RECIPE: not recurrent and not visual and configuration.pairing,
     }
     if not fits[recipe]:
         raise ValueError(
@@ -357,10 +362,10 @@ def _progress(
     from avrgym.learning.training import TENSORBOARD_FOLDER
 
     log = folder / TENSORBOARD_FOLDER
-    with_recipe = f" --recipe {recipe}" if recipe in (ADAPTIVE, VISUAL) else ""
+    with_recipe = f" --recipe {recipe}" if recipe in (ADAPTIVE_RECIPE, VISUAL_RECIPE) else ""
     again = f"avrgym train {env}{with_recipe} --resume --out {shlex.quote(str(folder))}"
     log_is_shown = False
-    with progress_bar(env, steps, "steps", stopped=f"`{again}` continues it") as bar:
+    with show_progress_bar(env, steps, "steps", stopped=f"`{again}` continues it") as bar:
 
         def report(progress: "training.TrainingProgress") -> None:
             nonlocal log_is_shown
@@ -370,7 +375,7 @@ def _progress(
             results = ""
             if progress.reward_mean is not None:
                 results = f"  reward {progress.reward_mean:.1f}  success {100 * (progress.success_rate or 0.0):.1f} %"
-            bar.update(progress.steps, label=f"{env}  {progress.stage}{results}")
+            bar.update(progress.num_timesteps, label=f"{env}  {progress.stage}{results}")
 
         yield report
 
@@ -379,7 +384,7 @@ def _run_name(env: str, people: str, impairment: str, recipe: str | None, seed: 
     from avrgym.people.distributions import NAMED_DISTRIBUTIONS
 
     population = people.replace("/", "-") if people in NAMED_DISTRIBUTIONS else Path(people).stem
-    parts = [env.removeprefix("avrgym/"), *([] if recipe == ADAPTIVE else [population])]
+    parts = [env.removeprefix("avrgym/"), *([] if recipe == ADAPTIVE_RECIPE else [population])]
     parts += [] if impairment == "none" else [impairment.replace(":", "-")]
     parts += [] if recipe is None else [recipe]
     parts += ["guarded"] if guarded else []

@@ -29,7 +29,7 @@ GESTURE_WINDOW_S = 1.5
 MIN_GESTURE_HZ, MAX_GESTURE_HZ = 1.4, 3.5
 """Minimum and maximum frequency of a nod or shake. The heads of simulated people follow a moving spoon at up to 1.2
 Hz."""
-MIN_SWING_AXIS_RATIO = 2.0
+MIN_GESTURE_AXIS_RATIO = 2.0
 """Minimum ratio of head rotation about the axis of a gesture to head rotation about the other axes."""
 MIN_GESTURE_PAUSE_S = 1.5
 """Minimum time in seconds between two gestures of the same head."""
@@ -64,34 +64,34 @@ class HeadGestureDetector:
         self._count += 1
         if self._count < _SAMPLES:
             return {}
-        swings = find_swings(self._q, np.radians(self._thresholds.swing_deg))
+        swings = find_head_swings(self._q, np.radians(self._thresholds.swing_deg))
         found: dict[HeadGesture, BoolArray] = {}
         names: tuple[HeadGesture, ...] = ("nod", "shake")
         for axis, name in enumerate(names):
-            others = np.delete(swings.rms_extent_rad, axis, axis=1).max(axis=-1)
+            others = np.delete(swings.rms_rotation_rad, axis, axis=1).max(axis=-1)
             done = swings.swing_count[:, axis] >= self._thresholds.swings
-            done &= swings.mean_duration_s[:, axis] >= 0.5 / MAX_GESTURE_HZ
-            done &= swings.mean_duration_s[:, axis] <= 0.5 / MIN_GESTURE_HZ
-            done &= swings.rms_extent_rad[:, axis] >= MIN_SWING_AXIS_RATIO * others
+            done &= swings.mean_swing_duration_s[:, axis] >= 0.5 / MAX_GESTURE_HZ
+            done &= swings.mean_swing_duration_s[:, axis] <= 0.5 / MIN_GESTURE_HZ
+            done &= swings.rms_rotation_rad[:, axis] >= MIN_GESTURE_AXIS_RATIO * others
             done &= time_s >= self._quiet_until_s
             self._quiet_until_s = np.where(done, time_s + MIN_GESTURE_PAUSE_S, self._quiet_until_s)
             found[name] = done
         return found
 
 
-class Swings(NamedTuple):
+class HeadSwings(NamedTuple):
     """Swings about the three axes of N heads. All arrays are (N, 3).
 
-    ``swing_count``: number of swings. ``mean_duration_s``: their mean duration. ``rms_extent_rad``: root-mean-square of
-    the rotation.
+    ``swing_count``: number of swings. ``mean_swing_duration_s``: their mean duration. ``rms_rotation_rad``:
+    root-mean-square of the rotation.
     """
 
     swing_count: IntArray
-    mean_duration_s: FloatArray
-    rms_extent_rad: FloatArray
+    mean_swing_duration_s: FloatArray
+    rms_rotation_rad: FloatArray
 
 
-def find_swings(q: FloatArray, swing_rad: float) -> Swings:
+def find_head_swings(q: FloatArray, swing_rad: float) -> HeadSwings:
     """Returns the swings in a time window. A swing is a rotation in one direction by at least ``swing_rad``.
 
     Args:
@@ -115,34 +115,34 @@ def find_swings(q: FloatArray, swing_rad: float) -> Swings:
         number = number + turns
     duration_s = MIN_SAMPLE_INTERVAL_S * (last - first) / np.maximum(number - 1, 1)
     around = turned - turned.mean(axis=1, keepdims=True)
-    return Swings(number, duration_s, np.sqrt((around * around).mean(axis=1)))
+    return HeadSwings(number, duration_s, np.sqrt((around * around).mean(axis=1)))
 
 
 class GazeTimer:
-    """Timers (N,) in seconds of the time for which each of N heads faces the tool (``facing_s``) or does not
-    (``facing_away_s``)."""
+    """Timers (N,) in seconds of the time for which each of N heads faces the tool (``facing_duration_s``) or does not
+    (``facing_away_duration_s``)."""
 
     def __init__(self, thresholds: GestureThresholds, heads: int = 1) -> None:
         self._thresholds = thresholds
-        self.facing_s, self.facing_away_s = np.zeros(heads), np.zeros(heads)
+        self.facing_duration_s, self.facing_away_duration_s = np.zeros(heads), np.zeros(heads)
 
     def update(self, angle_rad: FloatArray, step_s: float) -> None:
         """Update the timers after a step of ``step_s`` seconds. ``angle_rad`` (N,): angle between head direction and
         tool."""
         facing = angle_rad <= np.radians(self._thresholds.gaze_deg)
-        self.facing_s = np.where(facing, self.facing_s + step_s, 0.0)
-        self.facing_away_s = np.where(facing, 0.0, self.facing_away_s + step_s)
+        self.facing_duration_s = np.where(facing, self.facing_duration_s + step_s, 0.0)
+        self.facing_away_duration_s = np.where(facing, 0.0, self.facing_away_duration_s + step_s)
 
     def detect_gaze(self) -> BoolArray:
         """Returns a boolean mask (N,): heads that have faced the tool for ``gaze_s``. Resets the timers of these
         heads."""
-        due = self.facing_s >= self._thresholds.gaze_s
-        self.facing_s = np.where(due, 0.0, self.facing_s)
+        due = self.facing_duration_s >= self._thresholds.gaze_s
+        self.facing_duration_s = np.where(due, 0.0, self.facing_duration_s)
         return due
 
     def detect_gaze_away(self) -> BoolArray:
         """Returns a boolean mask (N,): heads that have not faced the tool for ``gaze_s``. Resets the timers of these
         heads."""
-        due = self.facing_away_s >= self._thresholds.gaze_s
-        self.facing_away_s = np.where(due, 0.0, self.facing_away_s)
+        due = self.facing_away_duration_s >= self._thresholds.gaze_s
+        self.facing_away_duration_s = np.where(due, 0.0, self.facing_away_duration_s)
         return due

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from avrgym.commands.vocabulary import ROBOT_COMMANDS, CommandName, CommandSource, commands_of_source
+from avrgym.commands.vocabulary import ROBOT_COMMANDS, CommandName, CommandSource, find_allowed_commands
 from avrgym.system.struct_values import convert_to_struct
 
 MIN_SPEED_FACTOR, MAX_SPEED_FACTOR, SPEED_FACTOR_STEP = 0.25, 1.25, 0.25
@@ -18,7 +18,7 @@ MIN_SPEED_FACTOR, MAX_SPEED_FACTOR, SPEED_FACTOR_STEP = 0.25, 1.25, 0.25
 MIN_WAITING_DISTANCE_M, MAX_WAITING_DISTANCE_M, WAITING_DISTANCE_STEP_M = 0.05, 0.40, 0.05
 """Minimum and maximum distance in metres of the tool from the person at the waiting pose. The third value is its change
 by the commands ``closer`` and ``farther``."""
-DEFAULT_FORCE_SHARE = 0.5
+DEFAULT_FORCE_LIMIT_FRACTION = 0.5
 """Share of the quasi-static limits of ISO/TS 15066 at which the force guard retracts the arm by default."""
 
 PreferredSide = Literal["any", "left", "right"]
@@ -63,15 +63,16 @@ class Preferences(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_
     side: PreferredSide = "any"
     bite_timing: BiteTiming = "on_cue"
     pause_s: Annotated[float, Meta(ge=0.5, le=60)] = 4.0
-    force_share: float = DEFAULT_FORCE_SHARE
+    force_share: float = DEFAULT_FORCE_LIMIT_FRACTION
     commands: tuple[CommandName, ...] | None = None
     sources: tuple[CommandSource, ...] | None = None
     thresholds: GestureThresholds | None = None
 
     def __post_init__(self) -> None:
-        if not 0.05 <= self.force_share <= DEFAULT_FORCE_SHARE:
+        if not 0.05 <= self.force_share <= DEFAULT_FORCE_LIMIT_FRACTION:
             raise ValueError(
-                f"force_share is {self.force_share:g}; allowed: 0.05 to {DEFAULT_FORCE_SHARE:g}, because a preference "
+                f"force_share is {self.force_share:g}; allowed: 0.05 to {DEFAULT_FORCE_LIMIT_FRACTION:g}, because a "
+                f"preference "
                 "can only lower the force limits of the guard"
             )
         for name, values in (("commands", self.commands), ("sources", self.sources)):
@@ -145,15 +146,15 @@ class TrialRules(msgspec.Struct, frozen=True, omit_defaults=True, kw_only=True):
     preferences: Preferences
     thresholds: GestureThresholds
 
-    def rejection_reason(self, command: CommandName, source: CommandSource) -> str:
+    def find_rejection_reason(self, command: CommandName, source: CommandSource) -> str:
         """Returns the reason why a command is rejected; empty if it is allowed."""
         if source not in self.sources:
             allowed = ", ".join(self.sources) or "none"
             return f"{source} is not a source of commands in this trial; allowed: {allowed}"
         if command not in self.commands:
             return f"{command} is not a command of this trial; allowed: {', '.join(self.commands)}"
-        if command not in commands_of_source(source):
-            return f"{source} cannot give {command}; allowed: {', '.join(commands_of_source(source))}"
+        if command not in find_allowed_commands(source):
+            return f"{source} cannot give {command}; allowed: {', '.join(find_allowed_commands(source))}"
         return ""
 
 
@@ -188,7 +189,7 @@ def find_contradiction(rules: TrialRules) -> str:
         return "the commands do not contain stop; add stop"
     if not rules.sources:
         return "the condition has commands but no source; allowed: one source or more"
-    given = {command for source in rules.sources for command in commands_of_source(source)}
+    given = {command for source in rules.sources for command in find_allowed_commands(source)}
     if (
         rules.pacing
         and not rules.preferences.continues_without_command
@@ -247,7 +248,7 @@ def describe_preferences(preferences: Preferences, language: str = "en") -> str:
     keys: Collection[str] = ("speed", "distance", preferences.bite_timing, "force")
     if preferences.commands is not None:
         keys = (*keys, "commands")
-    labels = [ROBOT_COMMANDS[name].label(language) for name in preferences.commands or ()]
+    labels = [ROBOT_COMMANDS[name].localized_label(language) for name in preferences.commands or ()]
     return " ".join(
         words[key].format(
             speed=preferences.speed,

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 CommandName = Literal["ready", "wait", "slower", "faster", "closer", "farther", "other_side", "again", "stop"]
-HeadSource = Literal["nod", "shake", "gaze"]
+HeadCommandSource = Literal["nod", "shake", "gaze"]
 """Sources of commands that the server detects from tracking."""
-ClientSource = Literal["dwell", "switch", "button", "key"]
+ClientCommandSource = Literal["dwell", "switch", "button", "key"]
 """Sources of commands that the participant's client reports."""
-OtherPersonSource = Literal["caregiver", "experimenter"]
+OtherPersonCommandSource = Literal["caregiver", "experimenter"]
 """Sources of commands that the pages of caregiver and experimenter report."""
-CommandSource = HeadSource | ClientSource | OtherPersonSource
+CommandSource = HeadCommandSource | ClientCommandSource | OtherPersonCommandSource
 """Source of a command: head gesture, gaze at or away from the tool, dwell on an icon, switch, button of page or
 gamepad, key, or another person."""
 
@@ -23,7 +23,7 @@ class RobotCommand:
     meaning: str
     labels: Mapping[str, str]
 
-    def label(self, language: str) -> str:
+    def localized_label(self, language: str) -> str:
         """Returns the label in a language such as ``de`` or ``de-AT``; in English if the language has no label."""
         return self.labels.get(language.partition("-")[0], self.labels["en"])
 
@@ -52,12 +52,16 @@ ROBOT_COMMANDS: Mapping[CommandName, RobotCommand] = {
 """All commands by name, in the order of buttons and keys."""
 COMMAND_NAMES: tuple[CommandName, ...] = get_args(CommandName)
 COMMAND_INDEX: Mapping[str, int] = {name: index for index, name in enumerate(COMMAND_NAMES)}
-HEAD_SOURCES: tuple[HeadSource, ...] = get_args(HeadSource)
-CLIENT_SOURCES: tuple[ClientSource, ...] = get_args(ClientSource)
-OTHER_PERSON_SOURCES: tuple[OtherPersonSource, ...] = get_args(OtherPersonSource)
-COMMAND_SOURCES: tuple[CommandSource, ...] = (*HEAD_SOURCES, *CLIENT_SOURCES, *OTHER_PERSON_SOURCES)
+HEAD_COMMAND_SOURCES: tuple[HeadCommandSource, ...] = get_args(HeadCommandSource)
+CLIENT_COMMAND_SOURCES: tuple[ClientCommandSource, ...] = get_args(ClientCommandSource)
+OTHER_PERSON_COMMAND_SOURCES: tuple[OtherPersonCommandSource, ...] = get_args(OtherPersonCommandSource)
+COMMAND_SOURCES: tuple[CommandSource, ...] = (
+    *HEAD_COMMAND_SOURCES,
+    *CLIENT_COMMAND_SOURCES,
+    *OTHER_PERSON_COMMAND_SOURCES,
+)
 
-COMMANDS_BY_LIMITED_SOURCE: Mapping[str, tuple[CommandName, ...]] = {
+ALLOWED_COMMANDS_BY_SOURCE: Mapping[str, tuple[CommandName, ...]] = {
     "nod": ("ready",),
     "shake": ("wait",),
     "gaze": ("ready", "wait"),
@@ -65,6 +69,6 @@ COMMANDS_BY_LIMITED_SOURCE: Mapping[str, tuple[CommandName, ...]] = {
 """Allowed commands by source. Sources that are not listed can give every command."""
 
 
-def commands_of_source(source: CommandSource) -> tuple[CommandName, ...]:
+def find_allowed_commands(source: CommandSource) -> tuple[CommandName, ...]:
     """Returns the names of the commands that a source can give."""
-    return COMMANDS_BY_LIMITED_SOURCE.get(source, COMMAND_NAMES)
+    return ALLOWED_COMMANDS_BY_SOURCE.get(source, COMMAND_NAMES)

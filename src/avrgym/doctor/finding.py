@@ -19,22 +19,22 @@ class Finding:
 
 @dataclass(frozen=True)
 class Check:
-    """A check of this computer. ``run``: function that returns the finding, without changes to the computer."""
+    """A check of this computer. ``run_check``: function that returns the finding, without changes to the computer."""
 
     name: str
-    run: Callable[[], Finding]
+    run_check: Callable[[], Finding]
 
 
-def ok_finding(message: str) -> Finding:
+def make_ok_finding(message: str) -> Finding:
     """Returns a finding in the state ``ok``: no problem was found."""
     return Finding("ok", message)
 
 
-def warning_finding(message: str, fix: str) -> Finding:
+def make_warning_finding(message: str, fix: str) -> Finding:
     """Returns a finding in the state ``warning``: a part of AVR Gym is limited."""
     return Finding("warning", message, fix)
 
 
-def error_finding(message: str, fix: str) -> Finding:
+def make_error_finding(message: str, fix: str) -> Finding:
     """Returns a finding in the state ``error``: a part of AVR Gym does not work."""
     return Finding("error", message, fix)

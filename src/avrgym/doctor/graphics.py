@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from avrgym.doctor.finding import Finding, error_finding, ok_finding, warning_finding
+from avrgym.doctor.finding import Finding, make_error_finding, make_ok_finding, make_warning_finding
 from avrgym.system.mujoco_setup import RENDERING_HINT
 
 PROCESS_TIMEOUT_S = 60.0
@@ -27,8 +27,8 @@ def check_graphics_card() -> Finding:
         return _nvidia(program)
     drivers = {(device / "device" / "driver").resolve().name for device in DRM_DEVICE_FOLDER.glob("renderD*")}
     if drivers:
-        return ok_finding(f"one with the kernel driver {', '.join(sorted(drivers))}")
-    return ok_finding("none found; the processor renders, which is sufficient")
+        return make_ok_finding(f"one with the kernel driver {', '.join(sorted(drivers))}")
+    return make_ok_finding("none found; the processor renders, which is sufficient")
 
 
 def _nvidia(program: str) -> Finding:
@@ -36,8 +36,8 @@ def _nvidia(program: str) -> Finding:
     ran = subprocess.run(asked, capture_output=True, text=True, timeout=PROCESS_TIMEOUT_S, check=False)
     lines = (ran.stdout or ran.stderr).strip().splitlines() or ["no answer"]
     if ran.returncode == 0:
-        return ok_finding("; ".join(f"{line.replace(', ', ', driver ')}" for line in lines))
-    return warning_finding(
+        return make_ok_finding("; ".join(f"{line.replace(', ', ', driver ')}" for line in lines))
+    return make_warning_finding(
         f"NVIDIA's driver does not respond: {lines[0]}",
         "restart the computer after an update of driver or kernel, or reinstall the driver",
     )
@@ -49,13 +49,13 @@ def check_rendering() -> Finding:
     try:
         ran = subprocess.run(command, capture_output=True, text=True, timeout=PROCESS_TIMEOUT_S, check=False)
     except subprocess.TimeoutExpired:
-        return error_finding(f"no image was rendered within {PROCESS_TIMEOUT_S:.0f} s", RENDERING_HINT)
+        return make_error_finding(f"no image was rendered within {PROCESS_TIMEOUT_S:.0f} s", RENDERING_HINT)
     way = f"MUJOCO_GL={os.environ.get('MUJOCO_GL', '')}"
     if ran.returncode != 0:
-        return error_finding(f"no image can be rendered with {way}: {_reason(ran)}", RENDERING_HINT)
+        return make_error_finding(f"no image can be rendered with {way}: {_reason(ran)}", RENDERING_HINT)
     renderer = ran.stdout.strip()
     slowly = ", by the processor" if renderer.startswith(SOFTWARE_RENDERERS) else ""
-    return ok_finding(f"an image was rendered by {renderer} ({way}{slowly})")
+    return make_ok_finding(f"an image was rendered by {renderer} ({way}{slowly})")
 
 
 def _reason(ran: "subprocess.CompletedProcess[str]") -> str:

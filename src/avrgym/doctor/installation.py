@@ -7,8 +7,8 @@ from importlib.metadata import PackageNotFoundError, metadata, requires, version
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
-from avrgym.doctor.finding import Finding, error_finding, ok_finding, warning_finding
-from avrgym.policies.registry import skipped_plugin_errors
+from avrgym.doctor.finding import Finding, make_error_finding, make_ok_finding, make_warning_finding
+from avrgym.policies.registry import collect_skipped_plugin_errors
 from avrgym.system.extras import DEVELOPER_EXTRAS
 from avrgym.vr.server.web_server import CLIENT_INSTALL_HINT, CLIENT_PAGES, ServerError, check_client_page
 
@@ -21,8 +21,8 @@ def check_python(installed: str, requirement: str | None = None) -> Finding:
     Gym."""
     required = requirement or metadata("avrgym")["Requires-Python"]
     if SpecifierSet(required).contains(installed, prereleases=True):
-        return ok_finding(f"{installed} on {platform.system()} {platform.machine()}")
-    return error_finding(
+        return make_ok_finding(f"{installed} on {platform.system()} {platform.machine()}")
+    return make_error_finding(
         f"{installed}; AVR Gym requires {required}",
         "create a virtual environment with a newer Python and install AVR Gym there",
     )
@@ -32,14 +32,14 @@ def check_packages(requirements: Sequence[Requirement]) -> Finding:
     """Check whether the installed packages meet requirements such as ``numpy>=2.0``."""
     unmet = [each for each in requirements if _conflicting_version(each) is not None]
     if unmet:
-        return error_finding(_list_unmet(unmet), _install(unmet))
+        return make_error_finding(_list_unmet(unmet), _install(unmet))
     shown = ", ".join(
         f"{each.name} {version(each.name)}" for each in requirements if each.name in REPORTED_PACKAGES
     )
-    return ok_finding(f"{len(requirements)} packages meet their requirements; {shown}")
+    return make_ok_finding(f"{len(requirements)} packages meet their requirements; {shown}")
 
 
-def requirements_of(extra: str = "") -> list[Requirement]:
+def find_requirements(extra: str = "") -> list[Requirement]:
     """Returns requirements of the installed ``avrgym`` package, or of one of its extras. Nested extras are resolved."""
     needed = [Requirement(each) for each in requires("avrgym") or ()]
     own = [each for each in needed if _applies(each, extra) and not (extra and _applies(each, ""))]
@@ -48,12 +48,12 @@ def requirements_of(extra: str = "") -> list[Requirement]:
         for each in own
         if each.name == "avrgym"
         for name in each.extras
-        for inner in requirements_of(name)
+        for inner in find_requirements(name)
     )
     return [*(each for each in own if each.name != "avrgym"), *included]
 
 
-def user_extras() -> list[str]:
+def list_user_extras() -> list[str]:
     """Returns the extras of the installed ``avrgym`` package, without the extras for developers."""
     return [
         each for each in metadata("avrgym").get_all("Provides-Extra") or () if each not in DEVELOPER_EXTRAS
@@ -71,7 +71,7 @@ def check_extras(requirements: Mapping[str, Sequence[Requirement]]) -> Finding:
     """
     wrong = [each for required in requirements.values() for each in required if _conflicting_version(each)]
     if wrong:
-        return warning_finding(_list_unmet(wrong), _install(wrong))
+        return make_warning_finding(_list_unmet(wrong), _install(wrong))
     installed = [
         name
         for name, required in requirements.items()
@@ -79,7 +79,7 @@ def check_extras(requirements: Mapping[str, Sequence[Requirement]]) -> Finding:
     ]
     missing = [name for name in requirements if name not in installed]
     without = f"; `pip install 'avrgym[{','.join(missing)}]'` installs the others" if missing else ""
-    return ok_finding(f"installed: {', '.join(installed) or 'none'}{without}")
+    return make_ok_finding(f"installed: {', '.join(installed) or 'none'}{without}")
 
 
 def check_browser_client() -> Finding:
@@ -88,18 +88,18 @@ def check_browser_client() -> Finding:
         for page in CLIENT_PAGES:
             check_client_page(page)
     except ServerError:
-        return error_finding("the browser client is missing", CLIENT_INSTALL_HINT)
-    return ok_finding("the pages of participant, experimenter and replay are installed")
+        return make_error_finding("the browser client is missing", CLIENT_INSTALL_HINT)
+    return make_ok_finding("the pages of participant, experimenter and replay are installed")
 
 
 def check_plugins() -> Finding:
     """Check whether all plug-ins of other packages can be loaded."""
-    skipped = skipped_plugin_errors()
+    skipped = collect_skipped_plugin_errors()
     if skipped:
-        return warning_finding(
+        return make_warning_finding(
             f"skipped {'; '.join(skipped)}", "fix or uninstall that package; other packages work"
         )
-    return ok_finding("all plug-ins can be loaded")
+    return make_ok_finding("all plug-ins can be loaded")
 
 
 def _conflicting_version(requirement: Requirement) -> str | None:

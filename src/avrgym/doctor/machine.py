@@ -10,7 +10,7 @@ from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 
-from avrgym.doctor.finding import Finding, error_finding, ok_finding, warning_finding
+from avrgym.doctor.finding import Finding, make_error_finding, make_ok_finding, make_warning_finding
 from avrgym.system.files import write_atomically
 from avrgym.system.locks import lock_folder
 from avrgym.vr.protocol.messages import TICK_S
@@ -18,25 +18,25 @@ from avrgym.vr.server import cpu_idle
 from avrgym.vr.server.connection_limits import (
     MAX_UNAUTHENTICATED_CONNECTIONS,
     UNAUTHENTICATED_FILE_HANDLE_DIVISOR,
-    max_open_files,
+    read_max_open_files,
 )
 from avrgym.vr.server.real_time_loop import REAL_TIME_PRIORITY, use_real_time_priority
 
 SLEEP_SAMPLE_COUNT = 20
-MAX_OVERSLEEP_SHARE = 0.2
+MAX_OVERSLEEP_FRACTION = 0.2
 """Maximum oversleep as a share of a tick. Oversleep: actual minus requested duration of a sleep."""
-BYTES_PER_TRIAL = 1_000_000
+RECORDING_BYTES_PER_TRIAL = 1_000_000
 """Size in bytes of the recording of a trial of 20 s. Recordings in ``tests/data/recordings-of-0.1.0`` have 0.8 to 1.0
 MB."""
-WARNING_TRIAL_COUNT, ERROR_TRIAL_COUNT = 1000, 100
+MIN_TRIALS_WITHOUT_WARNING, MIN_TRIALS_WITHOUT_ERROR = 1000, 100
 
 
 def check_processor_count() -> Finding:
     """Check whether this computer has at least two processors, as live sessions need."""
     count = _processor_count()
     if count > 1:
-        return ok_finding(f"{count}")
-    return warning_finding("one, shared by simulation and server", "provide two or more processors")
+        return make_ok_finding(f"{count}")
+    return make_warning_finding("one, shared by simulation and server", "provide two or more processors")
 
 
 def _processor_count() -> int:
@@ -46,11 +46,11 @@ def _processor_count() -> int:
 def check_real_time_priority() -> Finding:
     """Check whether the operating system allows real-time priority for the simulation's thread."""
     if sys.platform != "linux" or _processor_count() == 1:
-        return ok_finding("not available on this system")
+        return make_ok_finding("not available on this system")
     with ThreadPoolExecutor(1) as thread:
         if thread.submit(use_real_time_priority).result():
-            return ok_finding("the simulation's thread may have real-time priority")
-    return warning_finding(
+            return make_ok_finding("the simulation's thread may have real-time priority")
+    return make_warning_finding(
         "the simulation's thread may not have real-time priority, so a busy computer delays it",
         f"put `{_user()} - rtprio {REAL_TIME_PRIORITY}` into /etc/security/limits.conf and log in again",
     )
@@ -80,23 +80,23 @@ def check_sleep_precision(excess_s: float) -> Finding:
     ``excess_s``: result of ``measure_oversleep_s``.
     """
     text = f"a sleep of {1000 * TICK_S:.0f} ms is {1000 * excess_s:.1f} ms too long"
-    if excess_s <= MAX_OVERSLEEP_SHARE * TICK_S:
-        return ok_finding(text)
-    return warning_finding(text, "close other programs, and set the computer to its highest performance")
+    if excess_s <= MAX_OVERSLEEP_FRACTION * TICK_S:
+        return make_ok_finding(text)
+    return make_warning_finding(text, "close other programs, and set the computer to its highest performance")
 
 
 def check_cpu_idle_states(
-    driver: Path = cpu_idle.DRIVER_FILE, latency: Path = cpu_idle.LATENCY_FILE
+    driver: Path = cpu_idle.CPU_IDLE_DRIVER_FILE, latency: Path = cpu_idle.CPU_LATENCY_FILE
 ) -> Finding:
     """Check whether idle processors wake up quickly.
 
     In a virtual machine, write access to the file ``latency`` is required.
     """
     if not driver.exists() or driver.read_text().strip() != cpu_idle.GUEST_IDLE_DRIVER:
-        return ok_finding("idle processors wake immediately")
+        return make_ok_finding("idle processors wake immediately")
     if os.access(latency, os.W_OK, effective_ids=True):
-        return ok_finding("the processors of this virtual machine can be kept awake")
-    return warning_finding(
+        return make_ok_finding("the processors of this virtual machine can be kept awake")
+    return make_warning_finding(
         "the processors of this virtual machine cannot be kept awake, so ticks may be late",
         f"sudo chmod o+w {latency}, which lasts until the next start",
     )
@@ -107,11 +107,11 @@ def check_open_file_limit(number: int | None = None) -> Finding:
 
     ``number``: the maximum number; default: the limit of this process.
     """
-    allowed = max_open_files() if number is None else number
+    allowed = read_max_open_files() if number is None else number
     needed = UNAUTHENTICATED_FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED_CONNECTIONS
     if allowed >= needed:
-        return ok_finding(f"{allowed}")
-    return warning_finding(f"{allowed}, which limits the number of browsers", f"ulimit -n {needed}")
+        return make_ok_finding(f"{allowed}")
+    return make_warning_finding(f"{allowed}, which limits the number of browsers", f"ulimit -n {needed}")
 
 
 def check_folder_writable(folder: Path) -> Finding:
@@ -121,14 +121,14 @@ def check_folder_writable(folder: Path) -> Finding:
         with TemporaryDirectory(prefix=".avrgym-doctor-", dir=place) as trial:
             write_atomically(Path(trial) / "file", b"written")
             with lock_folder(Path(trial)):
-                return ok_finding(f"{folder}" if place == folder else f"{folder} can be created")
+                return make_ok_finding(f"{folder}" if place == folder else f"{folder} can be created")
     except OSError as failure:
-        return error_finding(
+        return make_error_finding(
             f"{place} is not writable: {failure.strerror}",
             f"choose another folder, or sudo chown {_user()} '{place}'",
         )
     except ValueError as failure:
-        return error_finding(str(failure), "a network file system may lack locks: use a local folder")
+        return make_error_finding(str(failure), "a network file system may lack locks: use a local folder")
 
 
 def check_free_space(folder: Path) -> Finding:
@@ -138,12 +138,12 @@ def check_free_space(folder: Path) -> Finding:
 
 def check_free_bytes(free_bytes: int) -> Finding:
     """Check whether this number of free bytes is enough for the recordings of a study."""
-    trials = free_bytes // BYTES_PER_TRIAL
+    trials = free_bytes // RECORDING_BYTES_PER_TRIAL
     text = f"{free_bytes / 1e9:.1f} GB free, enough for about {trials} trials"
     fix = "free disk space, or use another disk"
-    if trials < ERROR_TRIAL_COUNT:
-        return error_finding(text, fix)
-    return warning_finding(text, fix) if trials < WARNING_TRIAL_COUNT else ok_finding(text)
+    if trials < MIN_TRIALS_WITHOUT_ERROR:
+        return make_error_finding(text, fix)
+    return make_warning_finding(text, fix) if trials < MIN_TRIALS_WITHOUT_WARNING else make_ok_finding(text)
 
 
 def _existing_parent(folder: Path) -> Path:

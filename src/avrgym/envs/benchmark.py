@@ -17,7 +17,7 @@ from avrgym.models.cameras import IMAGE_KINDS, WRIST_CAMERA, CameraSpec
 from avrgym.models.scene import DEFAULT_SUBSTEPS
 from avrgym.simulation.engines.engine import Engine
 from avrgym.system import random_streams
-from avrgym.system.engines import THREADS
+from avrgym.system.engine_names import THREADS
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 
@@ -125,14 +125,14 @@ def measure_camera_speed(
     rows: list[CameraSpeed] = []
     for (width, height), kind in product(CAMERA_SIZES_PX, IMAGE_KINDS):
         camera = CameraSpec(WRIST_CAMERA, width, height, (kind,))
-        episodes.images([camera])  # compiles the appearance
+        episodes.render_images([camera])  # compiles the appearance
         began = perf_counter()
         for _ in range(frames):
-            episodes.images([camera])
+            episodes.render_images([camera])
         speed = frames / (perf_counter() - began)
         rows.append(CameraSpeed(environment_id, WRIST_CAMERA, kind, f"{width} x {height}", speed))
         progress()
-    episodes.close_images()
+    episodes.close_renderer()
     return rows
 
 
@@ -141,10 +141,10 @@ def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
     durations.
     """
     engine = episodes.simulation.engine
-    drawn = random_streams.benchmark_action_generator(seed).uniform(
+    drawn = random_streams.make_benchmark_action_rng(seed).uniform(
         -1.0, 1.0, (steps, episodes.simulation.num_worlds, episodes.action_size)
     )
-    actions = to_device_of(drawn, episodes.simulation.example_array)
+    actions = to_device_of(drawn, episodes.simulation.reference_array)
     began = perf_counter()
     _reset(episodes, seed)
     reset_s = perf_counter() - began
@@ -153,7 +153,7 @@ def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
     commands: list[FloatArray] = []
     for action in actions:
         episodes.step(action)
-        commands.append(episodes.simulation.servo_commands())
+        commands.append(episodes.simulation.get_servo_commands())
     episodes.check_device_results()  # this waits until a device has finished
     episode_s = perf_counter() - began
     if apart is None:  # a second set of worlds would need twice the memory of the device
@@ -167,7 +167,7 @@ def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
 def _reset(episodes: Episodes, seed: int) -> None:
     worlds = np.arange(episodes.simulation.num_worlds)
     episodes.reset(
-        worlds, [random_streams.benchmark_episode_generator(seed, world) for world in worlds.tolist()]
+        worlds, [random_streams.make_benchmark_episode_rng(seed, world) for world in worlds.tolist()]
     )
 
 

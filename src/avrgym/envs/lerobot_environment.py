@@ -9,12 +9,12 @@ import numpy as np
 from avrgym.array_types import Float32Array, NumpyArray
 from avrgym.envs.single import AssistiveEnv
 from avrgym.models.cameras import STATE_ENTRY, AnyObservation, CameraDescription
-from avrgym.policies.lerobot import ENVIRONMENT_STATE, STATE, state_features
+from avrgym.policies.lerobot import ENVIRONMENT_STATE_FEATURE, STATE_FEATURE, split_state_features
 from avrgym.system.type_guards import is_table
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.registry import instruction
+from avrgym.tasks.registry import make_policy_instruction
 
-LEROBOT_ENTRY_NAMES = {STATE: "agent_pos", ENVIRONMENT_STATE: "environment_state"}
+OBSERVATION_KEYS_BY_FEATURE = {STATE_FEATURE: "agent_pos", ENVIRONMENT_STATE_FEATURE: "environment_state"}
 """Maps each LeRobot feature of an observation to its key in the observation dictionary."""
 LeRobotObservation = dict[str, Any]
 
@@ -22,9 +22,9 @@ LeRobotObservation = dict[str, Any]
 class LeRobotEnv(gym.Env[LeRobotObservation, Float32Array]):
     """Environment of one world in LeRobot's convention.
 
-    Observations are dictionaries in single precision, see ``state_features``. ``agent_pos`` contains the values that
-    the robot measures itself. ``environment_state`` contains the other values. With cameras, ``pixels`` contains colour
-    images such as ``wrist_rgb``. ``info`` also contains ``is_success``.
+    Observations are dictionaries in single precision, see ``split_state_features``. ``agent_pos`` contains the values
+    that the robot measures itself. ``environment_state`` contains the other values. With cameras, ``pixels`` contains
+    colour images such as ``wrist_rgb``. ``info`` also contains ``is_success``.
     """
 
     metadata = AssistiveEnv.metadata
@@ -46,9 +46,11 @@ class LeRobotEnv(gym.Env[LeRobotObservation, Float32Array]):
             max_episode_steps=episode_steps,
             **arguments,
         )
-        self.observed = self._world.episodes.observation
+        self.observation_description = self._world.episodes.observation_spec
         self.metadata, self.render_mode = self._world.metadata, render_mode
-        self.task = self.task_description = instruction(environment_id, self._world.episodes.settings)
+        self.task = self.task_description = make_policy_instruction(
+            environment_id, self._world.episodes.settings
+        )
         self._max_episode_steps = episode_steps
         self.action_space = self._world.action_space
         example = self._converted(self._world.observation_space.sample())
@@ -83,8 +85,8 @@ class LeRobotEnv(gym.Env[LeRobotObservation, Float32Array]):
 
     def _converted(self, observation: AnyObservation) -> LeRobotObservation:
         entries = observation if isinstance(observation, dict) else {STATE_ENTRY: observation}
-        states = state_features(self.observed, entries[STATE_ENTRY].astype(np.float32))
-        found: LeRobotObservation = {LEROBOT_ENTRY_NAMES[name]: part for name, part in states.items()}
+        states = split_state_features(self.observation_description, entries[STATE_ENTRY].astype(np.float32))
+        found: LeRobotObservation = {OBSERVATION_KEYS_BY_FEATURE[name]: part for name, part in states.items()}
         pixels = {name: image for name, image in entries.items() if image.dtype == np.uint8}
         return {**found, "pixels": pixels} if pixels else found
 

@@ -14,14 +14,14 @@ from pettingzoo import ParallelEnv
 
 from avrgym.array_types import Float32Array, FloatArray
 from avrgym.envs.rendering import Renderer
-from avrgym.envs.single import check_render_mode, info_of, metadata_of, spaces_of
-from avrgym.envs.vector_conventions import check_episode_length, python_seed
-from avrgym.models.human import Person, as_person
+from avrgym.envs.single import check_render_mode, make_info, make_metadata, make_spaces
+from avrgym.envs.vector_conventions import check_episode_length, to_python_seed
+from avrgym.models.human import Person, convert_to_person
 from avrgym.tasks.actions import validate_actions
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import StepOutcome
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.settings import settings_from_values
+from avrgym.tasks.settings import make_settings
 
 Action = Float32Array
 
@@ -67,18 +67,18 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
             environment_id,
             1,
             people=people,
-            person=as_person(person),
+            person=convert_to_person(person),
             impairment=impairment,
             human_actions=True,
             num_threads=1,
             force_guard=force_guard,
-            settings=settings_from_values(settings),
+            settings=make_settings(settings),
         )
-        self.metadata = {**metadata_of(self.episodes), "name": environment_id}
+        self.metadata = {**make_metadata(self.episodes), "name": environment_id}
         self.human_joints = self.episodes.offered_joints
         """Joints that the human's action moves, in the order of the action."""
         self.possible_agents, self.agents = [ROBOT_AGENT, HUMAN_AGENT], []
-        bound, (seen, acted) = self.episodes.human_observer.bound, spaces_of(self.episodes)
+        bound, (seen, acted) = self.episodes.human_observer.bound, make_spaces(self.episodes)
         self.observation_spaces = {
             ROBOT_AGENT: seen,
             HUMAN_AGENT: gym.spaces.Box(-bound, bound, dtype=np.float64),
@@ -104,12 +104,12 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         A seed results in the same episode as with ``gym.make``. Without a seed, the random stream continues.
         """
         if seed is not None or self._random is None:
-            self._random, _ = seeding.np_random(python_seed(seed))
+            self._random, _ = seeding.np_random(to_python_seed(seed))
         self.agents, self._steps_left = self.possible_agents[:], self.max_episode_steps
         self.episodes.reset(np.array([0]), [self._random])
         self.close()
         start = self.episodes.evaluate_state()
-        return self._observations(start), {agent: info_of(start) for agent in self.agents}
+        return self._observations(start), {agent: make_info(start) for agent in self.agents}
 
     def step(
         self, actions: dict[str, Action]
@@ -137,7 +137,10 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         step = self.episodes.step(robot[None])
         self._steps_left -= 1
         ended, agents = self._steps_left == 0, self.agents
-        rewards = step.reward, self.episodes.human_reward(step, human[None], shared=self._shared_reward)
+        rewards = (
+            step.reward,
+            self.episodes.compute_human_reward(step, human[None], shared=self._shared_reward),
+        )
         if ended:
             self.agents = []
         return (
@@ -145,11 +148,11 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
             {agent: float(reward[0]) for agent, reward in zip(agents, rewards, strict=True)},
             dict.fromkeys(agents, False),
             dict.fromkeys(agents, ended),
-            {agent: info_of(step) for agent in agents},
+            {agent: make_info(step) for agent in agents},
         )
 
     def _observations(self, step: StepOutcome) -> dict[str, FloatArray]:
-        return {ROBOT_AGENT: step.observation[0], HUMAN_AGENT: self.episodes.human_observation()[0]}
+        return {ROBOT_AGENT: step.observation[0], HUMAN_AGENT: self.episodes.observe_humans()[0]}
 
     def _checked(self, actions: Mapping[str, Action]) -> list[FloatArray]:
         """Returns the actions of robot and human as arrays of floats. Raises ``ValueError`` for invalid actions."""

@@ -28,7 +28,10 @@ def register_environments() -> None:
 
 def _environment_ids() -> Iterable[str]:
     """Returns the ids of all environments. If no plug-ins are installed, no task is imported."""
-    if not (plugins.entry_points_of(plugins.TASK_GROUP) or plugins.entry_points_of(plugins.ROBOT_GROUP)):
+    if not (
+        plugins.list_entry_points(plugins.TASK_ENTRY_POINT_GROUP)
+        or plugins.list_entry_points(plugins.ROBOT_ENTRY_POINT_GROUP)
+    ):
         return PACKAGED_ENVIRONMENTS
     from avrgym.tasks import registry
 

@@ -7,19 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.models import human
-from avrgym.models.cameras import add_surroundings, rendering_options, update_poses
-from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_OFFSET_M, Person
+from avrgym.models.cameras import add_surroundings, make_rendering_options, update_poses
+from avrgym.models.human import DEVICE_TO_BODY_QUAT, HEADSET_OFFSET_M, Person
 from avrgym.models.scene import build_scene_spec
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.task import View
+from avrgym.tasks.task import CameraView
 
-IMAGE_HEIGHT_PX, IMAGE_WIDTH_PX = 480, 640
+DEFAULT_IMAGE_HEIGHT_PX, DEFAULT_IMAGE_WIDTH_PX = 480, 640
 """Default height and width of rendered images of a world, in pixels."""
 SHADOW_MAP_SIZE_PX = 2048
 """Width and height of the shadow map: half of MuJoCo's default, sufficient for a scene of 2 m. Without a graphics card,
 a smaller map shortens rendering.
 """
-EYES_CAMERA, EYES_FIELD_OF_VIEW_DEG = "eyes", 96.0
+EYES_CAMERA_NAME, EYES_VERTICAL_FIELD_OF_VIEW_DEG = "eyes", 96.0
 """Name and vertical field of view (degrees) of the camera at the person's eyes. The headset Quest 3 has this field of
 view.
 """
@@ -33,8 +33,8 @@ class Camera:
         episodes: Episodes,
         world: int,
         *,
-        width_px: int = IMAGE_WIDTH_PX,
-        height_px: int = IMAGE_HEIGHT_PX,
+        width_px: int = DEFAULT_IMAGE_WIDTH_PX,
+        height_px: int = DEFAULT_IMAGE_HEIGHT_PX,
         first_person: bool = False,
     ) -> None:
         """Build the scene of the current episode with its visual geoms.
@@ -47,35 +47,35 @@ class Camera:
         self._episodes, self._world = episodes, world
         scene, simulation = episodes.scene, episodes.simulation
         spec = build_scene_spec(
-            scene, episodes.person_of_world(world), moving=simulation.moving, appearance=True
+            scene, episodes.get_person(world), moving=simulation.has_moving_people, appearance=True
         )
         add_surroundings(spec)
-        _add_eyes(spec, episodes.person_of_world(world))
+        _add_eyes(spec, episodes.get_person(world))
         self._model = spec.compile()
         self._model.vis.global_.offheight, self._model.vis.global_.offwidth = height_px, width_px
         self._model.vis.quality.shadowsize = SHADOW_MAP_SIZE_PX
         placed = simulation.batch.get_model(world)
         self._model.body_pos[:], self._model.body_quat[:] = placed.body_pos, placed.body_quat
         self._data = mujoco.MjData(self._model)
-        self._viewpoint: mujoco.MjvCamera | str = EYES_CAMERA
+        self._viewpoint: mujoco.MjvCamera | str = EYES_CAMERA_NAME
         if first_person:
             _hide_head(self._model)
         else:
-            self._viewpoint = _camera(episodes.task.views.of_mount(scene.mount))
+            self._viewpoint = _camera(episodes.task.camera_views.select_view(scene.mount))
         self._renderer = _renderer(self._model, width_px, height_px)
 
     def render(self) -> NDArray[np.uint8]:
         """Returns an RGB image (``height_px``, ``width_px``, 3) of the current state."""
-        update_poses(self._model, self._data, self._episodes.simulation.qpos(self._world))
-        self._renderer.update_scene(self._data, self._viewpoint, rendering_options())
+        update_poses(self._model, self._data, self._episodes.simulation.get_qpos(self._world))
+        self._renderer.update_scene(self._data, self._viewpoint, make_rendering_options())
         self._add_marks()
         return self._renderer.render()
 
     def _add_marks(self) -> None:
-        marks, scene = self._episodes.task.marks, self._renderer.scene
+        marks, scene = self._episodes.task.markers, self._renderer.scene
         if marks is None:
             return
-        for place in self._episodes.marker_positions_w()[self._world]:
+        for place in self._episodes.compute_marker_positions_w()[self._world]:
             mujoco.mjv_initGeom(
                 scene.geoms[scene.ngeom],
                 mujoco.mjtGeom.mjGEOM_SPHERE,
@@ -129,13 +129,15 @@ class Renderer:
 
 def _add_eyes(spec: mujoco.MjSpec, person: Person) -> None:
     """Add a camera at the position of the person's headset."""
-    sites = human.body_layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m])).site_pos
+    sites = human.compute_body_layout(
+        np.array([person.sex == "woman"]), np.array([person.torso_height_m])
+    ).site_pos
     x, y, z = sites["head_centre"][0]
-    spec.body(human.PREFIX + "head").add_camera(
-        name=EYES_CAMERA,
+    spec.body(human.PERSON_NAME_PREFIX + "head").add_camera(
+        name=EYES_CAMERA_NAME,
         pos=[x, y - HEADSET_OFFSET_M, z],
-        quat=BODY_FROM_DEVICE_AXES,
-        fovy=EYES_FIELD_OF_VIEW_DEG,
+        quat=DEVICE_TO_BODY_QUAT,
+        fovy=EYES_VERTICAL_FIELD_OF_VIEW_DEG,
     )
 
 
@@ -144,12 +146,12 @@ def _hide_head(model: mujoco.MjModel) -> None:
     from avrgym.tasks.camera_images import HIDDEN_GEOM_GROUP
 
     for part in HEAD_SKIN_PARTS:
-        model.skin_group[model.skin(human.PREFIX + part).id] = HIDDEN_GEOM_GROUP
+        model.skin_group[model.skin(human.PERSON_NAME_PREFIX + part).id] = HIDDEN_GEOM_GROUP
 
 
-def _camera(view: View) -> mujoco.MjvCamera:
+def _camera(view: CameraView) -> mujoco.MjvCamera:
     camera = mujoco.MjvCamera()
-    camera.lookat[:] = view.look_at_w
+    camera.lookat[:] = view.target_pos_w
     camera.distance, camera.azimuth, camera.elevation = view.distance_m, view.azimuth_deg, view.elevation_deg
     return camera
 

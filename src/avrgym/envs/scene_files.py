@@ -16,28 +16,28 @@ from PIL import Image
 from avrgym.array_types import FloatArray
 from avrgym.models import compliance
 from avrgym.models.collision_bits import VISUAL_GROUP
-from avrgym.models.colours import mean_texture_colour, skin_colours
+from avrgym.models.colours import compute_mean_texture_colour, compute_skin_colours
 from avrgym.models.scene import build_scene_spec
 from avrgym.simulation.worlds import MAX_SERVO_LEAD_RAD
 from avrgym.system.files import write_atomically
 from avrgym.tasks.episodes import Episodes
 
-MJB_FILE, MJCF_FILE, START_FILE, USD_FILE = "scene.mjb", "scene.xml", "start.json", "scene.usdc"
+MJB_FILE, MJCF_FILE, INITIAL_STATE_FILE, USD_FILE = "scene.mjb", "scene.xml", "start.json", "scene.usdc"
 """Names of the exported scene files."""
 EPISODE_MODEL_FIELDS = ("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia")
 """Model fields that an episode sets and MJCF can store. MJCF cannot store ``body_invweight0``."""
-START_KEYFRAME = "start"
+INITIAL_STATE_KEYFRAME = "start"
 """Name of the MJCF keyframe with the initial state of the episode."""
 
 
 def write_scene(episodes: Episodes, out: Path) -> None:
     """Write the scene of the first world at the start of its episode into a new folder.
 
-    The files are ``MJB_FILE``, ``MJCF_FILE`` with textures, and ``START_FILE`` (JSON). ``START_FILE`` contains the
-    environment id, the person, the initial simulation state and the program versions. ``MJB_FILE`` reproduces the
-    simulation bit for bit, but contains no visual geoms. ``MJCF_FILE`` contains dynamics and appearance, with six
-    significant digits. In MJCF the person is less compliant, because MJCF cannot store the person's higher
-    ``body_invweight0``.
+    The files are ``MJB_FILE``, ``MJCF_FILE`` with textures, and ``INITIAL_STATE_FILE`` (JSON). ``INITIAL_STATE_FILE``
+    contains the environment id, the person, the initial simulation state and the program versions. ``MJB_FILE``
+    reproduces the simulation bit for bit, but contains no visual geoms. ``MJCF_FILE`` contains dynamics and
+    appearance, with six significant digits. In MJCF the person is less compliant, because MJCF cannot store the
+    person's higher ``body_invweight0``.
 
     Raises:
         FileExistsError: if the folder exists.
@@ -52,11 +52,11 @@ def write_scene(episodes: Episodes, out: Path) -> None:
     write_atomically(out / MJCF_FILE, spec.to_xml().encode())
     start = {
         "environment": episodes.environment_id,
-        "person": {name: _plain(value) for name, value in asdict(episodes.person_of_world(0)).items()},
-        "integration_state": simulation.integration_state().tolist(),
+        "person": {name: _plain(value) for name, value in asdict(episodes.get_person(0)).items()},
+        "integration_state": simulation.get_integration_state().tolist(),
         "versions": {name: version(name) for name in ("avrgym", "mujoco")},
     }
-    write_atomically(out / START_FILE, json.dumps(start, indent=1).encode())
+    write_atomically(out / INITIAL_STATE_FILE, json.dumps(start, indent=1).encode())
 
 
 def check_new_folder(out: Path) -> None:
@@ -90,21 +90,23 @@ def _spec(episodes: Episodes) -> mujoco.MjSpec:
     ``EPISODE_MODEL_FIELDS``.
     """
     scene, simulation = episodes.scene, episodes.simulation
-    spec = build_scene_spec(scene, episodes.person_of_world(0), moving=simulation.moving, appearance=True)
+    spec = build_scene_spec(
+        scene, episodes.get_person(0), moving=simulation.has_moving_people, appearance=True
+    )
     compliance.limit_contact_forces(spec, scene.arm, scene.tool, MAX_SERVO_LEAD_RAD)
     model, placed = spec.compile(), simulation.batch.get_model(0)
     for field in EPISODE_MODEL_FIELDS:
         getattr(model, field)[:] = getattr(placed, field)
     spec.copy_back(model)
     data = _at_start(model, episodes)
-    spec.add_key(name=START_KEYFRAME, qpos=data.qpos, act=data.act, ctrl=data.ctrl)
+    spec.add_key(name=INITIAL_STATE_KEYFRAME, qpos=data.qpos, act=data.act, ctrl=data.ctrl)
     return spec
 
 
 def _at_start(model: mujoco.MjModel, episodes: Episodes) -> mujoco.MjData:
     data = mujoco.MjData(model)
     mujoco.mj_setState(
-        model, data, episodes.simulation.integration_state(), mujoco.mjtState.mjSTATE_INTEGRATION
+        model, data, episodes.simulation.get_integration_state(), mujoco.mjtState.mjSTATE_INTEGRATION
     )
     mujoco.mj_forward(model, data)
     return data
@@ -147,10 +149,10 @@ def _freeze_skins(spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjDat
     mujoco.mjv_updateScene(
         model, data, _visible(), None, mujoco.MjvCamera(), mujoco.mjtCatBit.mjCAT_ALL, scene
     )
-    colours = skin_colours(model)
+    colours = compute_skin_colours(model)
     for skin in spec.skins:
         number = model.skin(skin.name).id
-        shade = np.append(mean_texture_colour(model, int(model.skin_matid[number])), 1.0)
+        shade = np.append(compute_mean_texture_colour(model, int(model.skin_matid[number])), 1.0)
         first, count = model.skin_vertadr[number], model.skin_vertnum[number]
         vertices = scene.skinvert.reshape(-1, 3)[first : first + count]
         first, count = model.skin_faceadr[number], model.skin_facenum[number]

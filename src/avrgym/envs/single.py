@@ -11,52 +11,55 @@ from gymnasium.error import ResetNeeded
 
 from avrgym.array_types import Float32Array
 from avrgym.envs.rendering import Renderer
-from avrgym.envs.specs import SerializableSpec
-from avrgym.envs.vector_conventions import NO_TIME_LIMIT, check_episode_length, python_seed
+from avrgym.envs.specs import SerializableSpecMixin
+from avrgym.envs.vector_conventions import NO_TIME_LIMIT, check_episode_length, to_python_seed
 from avrgym.models.cameras import (
     STATE_ENTRY,
     AnyObservation,
     CameraDescription,
     CameraSpec,
-    image_entries,
+    list_image_formats,
     parse_cameras,
 )
-from avrgym.models.human import Person, as_person
+from avrgym.models.human import Person, convert_to_person
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.tasks.actions import validate_actions
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import StepOutcome
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.settings import settings_from_values
+from avrgym.tasks.settings import make_settings
 
-METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / CONTROL_STEP_S)}
+ENVIRONMENT_METADATA: dict[str, Any] = {
+    "render_modes": ["rgb_array"],
+    "render_fps": round(1.0 / CONTROL_STEP_S),
+}
 """Gymnasium's metadata (render modes and frame rate) of environments at the default control rate."""
 
 
-def metadata_of(episodes: Episodes) -> dict[str, Any]:
+def make_metadata(episodes: Episodes) -> dict[str, Any]:
     """Returns Gymnasium's metadata of an environment, with its control rate as ``render_fps``."""
-    return {**METADATA, "render_fps": episodes.settings.control_hz}
+    return {**ENVIRONMENT_METADATA, "render_fps": episodes.settings.control_hz}
 
 
-def spaces_of(
+def make_spaces(
     episodes: Episodes, cameras: Sequence[CameraSpec] = ()
 ) -> tuple[gym.Space[Any], gym.Space[Float32Array]]:
     """Returns the observation space and the action space of one world.
 
     Observations are (O,), or with cameras dictionaries of ``state`` (O,) and images. Actions are (``action_size``,).
     """
-    bound = episodes.observation.bound
+    bound = episodes.observation_spec.bound
     observation: gym.Space[Any] = gym.spaces.Box(-bound, bound, dtype=np.float64)
     if cameras:
         spaces: dict[str, gym.Space[Any]] = {STATE_ENTRY: observation}
-        for name, (shape, dtype, largest) in image_entries(cameras).items():
+        for name, (shape, dtype, largest) in list_image_formats(cameras).items():
             spaces[name] = gym.spaces.Box(0, largest, shape, dtype)
         observation = gym.spaces.Dict(spaces)
     return observation, gym.spaces.Box(-1.0, 1.0, (episodes.action_size,), np.float32)
 
 
 class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
-    SerializableSpec, Renderer, gym.Env[AnyObservation, Float32Array]
+    SerializableSpecMixin, Renderer, gym.Env[AnyObservation, Float32Array]
 ):
     """Gymnasium environment of one world.
 
@@ -66,7 +69,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     ``executed_action`` (A,) is the action at the end of the step.
     """
 
-    metadata = METADATA
+    metadata = ENVIRONMENT_METADATA
 
     def __init__(
         self,
@@ -99,28 +102,28 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             environment_id,
             1,
             people=people,
-            person=as_person(person),
+            person=convert_to_person(person),
             impairment=impairment,
             num_threads=1,
             withdraw_after_success=withdraw_after_success,
             force_guard=force_guard,
-            settings=settings_from_values(settings),
+            settings=make_settings(settings),
         )
-        self.metadata = metadata_of(self.episodes)
+        self.metadata = make_metadata(self.episodes)
         self._cameras = parse_cameras(cameras, self.episodes.scene.robot)
-        self.observation_space, self.action_space = spaces_of(self.episodes, self._cameras)
+        self.observation_space, self.action_space = make_spaces(self.episodes, self._cameras)
         self._steps_left = 0
 
     def reset(
         self, *, seed: int | np.integer | None = None, options: dict[str, Any] | None = None
     ) -> tuple[AnyObservation, dict[str, Any]]:
         """Start an episode. Returns the first observation and info. Without a seed, the random stream continues."""
-        super().reset(seed=python_seed(seed))
+        super().reset(seed=to_python_seed(seed))
         self._steps_left = self.max_episode_steps
         self.episodes.reset(np.array([0]), [self.np_random])
         self.close_camera()
         start = self.episodes.evaluate_state()
-        return self._observed(start), info_of(start)
+        return self._observed(start), make_info(start)
 
     def step(self, action: Float32Array) -> tuple[AnyObservation, float, bool, bool, dict[str, Any]]:
         """Perform one control step. Returns observation, reward, terminated, truncated and info.
@@ -137,17 +140,17 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             )
         step = self.episodes.step(validate_actions(action, (self.episodes.action_size,))[None])
         self._steps_left -= 1
-        return self._observed(step), float(step.reward[0]), False, self._steps_left == 0, info_of(step)
+        return self._observed(step), float(step.reward[0]), False, self._steps_left == 0, make_info(step)
 
     def close(self) -> None:
         """Free the graphics memory of images. The next image allocates it again."""
         super().close()
-        self.episodes.close_images()
+        self.episodes.close_renderer()
 
     def _observed(self, step: StepOutcome) -> AnyObservation:
         if not self._cameras:
             return step.observation[0]
-        images = self.episodes.images(self._cameras)
+        images = self.episodes.render_images(self._cameras)
         return {STATE_ENTRY: step.observation[0], **{name: image[0] for name, image in images.items()}}
 
 
@@ -159,7 +162,10 @@ class _SingleEntry:
     the environment can reject the mode.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {**METADATA, "render_modes": [*METADATA["render_modes"], "human"]}
+    metadata: ClassVar[dict[str, Any]] = {
+        **ENVIRONMENT_METADATA,
+        "render_modes": [*ENVIRONMENT_METADATA["render_modes"], "human"],
+    }
 
     def __call__(self, **kwargs: Any) -> AssistiveEnv:
         return AssistiveEnv(**kwargs, max_episode_steps=_requested_length(currentframe()))
@@ -180,7 +186,7 @@ def _requested_length(entry: FrameType | None) -> int:
 single_entry_point = _SingleEntry()
 
 
-def info_of(step: StepOutcome) -> dict[str, Any]:
+def make_info(step: StepOutcome) -> dict[str, Any]:
     """Returns Gymnasium's ``info`` dictionary for the first world.
 
     Values have Python's types. Gymnasium's vector environments convert Python's bools to arrays, but not NumPy's bools.
@@ -192,15 +198,15 @@ def info_of(step: StepOutcome) -> dict[str, Any]:
     }
     if step.guard_interventions is not None:
         info["guard_interventions"] = int(step.guard_interventions[0])
-    if step.overridden is not None and step.overridden[0]:
+    if step.overridden_mask is not None and step.overridden_mask[0]:
         info["executed_action"] = step.executed_action[0].copy()
     return info
 
 
 def check_render_mode(render_mode: str | None, environment_id: str) -> None:
     """Raises ``ValueError`` for an unknown render mode. The message lists the allowed modes."""
-    if render_mode is not None and render_mode not in METADATA["render_modes"]:
+    if render_mode is not None and render_mode not in ENVIRONMENT_METADATA["render_modes"]:
         raise ValueError(
-            f"unknown render mode {render_mode!r}; allowed: None, {', '.join(METADATA['render_modes'])}; "
+            f"unknown render mode {render_mode!r}; allowed: None, {', '.join(ENVIRONMENT_METADATA['render_modes'])}; "
             f"`avrgym view {environment_id}` shows the environment live in a browser"
         )

@@ -14,8 +14,10 @@ from avrgym.models.human import Person
 from avrgym.system.type_guards import is_array, is_table
 
 
-class SerializableSpec:
-    """Base class of environments. Their ``spec`` contains only JSON types; its method ``to_json()`` therefore works."""
+class SerializableSpecMixin:
+    """Base class of environments. Their ``spec`` contains only JSON types; its method ``encode_stage()`` therefore
+    works.
+    """
 
     _spec: EnvSpec | None = None
 
@@ -28,26 +30,26 @@ class SerializableSpec:
     def spec(self, spec: EnvSpec | None) -> None:
         self._spec = spec
         if spec is not None:
-            kwargs: dict[str, Any] = to_plain_data(spec.kwargs)
+            kwargs: dict[str, Any] = to_json_types(spec.kwargs)
             steps: int | None = kwargs.pop("max_episode_steps", spec.max_episode_steps)
             self._spec = copy.copy(spec)
             self._spec.kwargs, self._spec.max_episode_steps = kwargs, steps
 
 
-def to_plain_data(value: Any) -> Any:
+def to_json_types(value: Any) -> Any:
     """Converts a value to JSON types. A person or a camera becomes a dictionary of its fields."""
     if isinstance(value, Person):
-        return to_plain_data(asdict(value))
+        return to_json_types(asdict(value))
     if isinstance(value, msgspec.Struct):
-        return to_plain_data(msgspec.to_builtins(value))
+        return to_json_types(msgspec.to_builtins(value))
     if isinstance(value, Enum):
-        return to_plain_data(value.value)
+        return to_json_types(value.value)
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()  # pyright: ignore[reportUnknownVariableType]
     if isinstance(value, Path):
         return str(value)
     if is_table(value):
-        return {name: to_plain_data(each) for name, each in value.items()}
+        return {name: to_json_types(each) for name, each in value.items()}
     if is_array(value):
-        return [to_plain_data(each) for each in value]
+        return [to_json_types(each) for each in value]
     return value

@@ -12,32 +12,32 @@ from numpy.typing import NDArray
 
 from avrgym.array_types import BoolArray, Float32Array, FloatArray, NumpyArray
 from avrgym.envs.rendering import Camera
-from avrgym.envs.single import check_render_mode, metadata_of, spaces_of
-from avrgym.envs.specs import SerializableSpec
+from avrgym.envs.single import check_render_mode, make_metadata, make_spaces
+from avrgym.envs.specs import SerializableSpecMixin
 from avrgym.envs.vector_conventions import (
-    RandomStreams,
-    Seeds,
+    SeedArgument,
     SubEnvironment,
+    WorldRandomGenerators,
     check_episode_length,
     check_positive_integer,
-    infos,
-    merge_steps,
-    reset_mask,
-    vector_final_infos,
+    make_final_infos,
+    make_vector_infos,
+    merge_step_outcomes,
+    read_reset_mask,
 )
 from avrgym.models.cameras import STATE_ENTRY, AnyObservation, CameraDescription, parse_cameras
-from avrgym.models.human import Person, as_person
-from avrgym.system.engines import THREADS
+from avrgym.models.human import Person, convert_to_person
+from avrgym.system.engine_names import THREADS
 from avrgym.system.type_guards import is_array
 from avrgym.tasks.actions import validate_actions
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import StepOutcome
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.settings import settings_from_values
+from avrgym.tasks.settings import make_settings
 
 
 class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
-    SerializableSpec, VectorEnv[AnyObservation, Float32Array, NumpyArray]
+    SerializableSpecMixin, VectorEnv[AnyObservation, Float32Array, NumpyArray]
 ):
     """N worlds that are stepped in parallel. Behaves like ``gymnasium.vector.SyncVectorEnv`` of N single environments.
 
@@ -92,29 +92,31 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             environment_id,
             num_envs,
             people=people,
-            person=as_person(person),
+            person=convert_to_person(person),
             impairment=impairment,
             num_threads=num_threads,
             engine=engine,
             withdraw_after_success=withdraw_after_success,
             force_guard=force_guard,
-            settings=settings_from_values(settings),
+            settings=make_settings(settings),
         )
-        self.metadata = {**metadata_of(self.episodes), "autoreset_mode": self.autoreset_mode}
+        self.metadata = {**make_metadata(self.episodes), "autoreset_mode": self.autoreset_mode}
         self._cameras = parse_cameras(cameras, self.episodes.scene.robot)
         if self._cameras and engine != THREADS:
             raise ValueError(
                 f"engine {engine!r} does not support cameras, because images are rendered on the host; allowed engine: "
                 f"{THREADS!r}"
             )
-        self.single_observation_space, self.single_action_space = spaces_of(self.episodes, self._cameras)
+        self.single_observation_space, self.single_action_space = make_spaces(self.episodes, self._cameras)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._now: StepOutcome | None = None
         self._steps = np.zeros(num_envs, dtype=int)
         self._ended: BoolArray = np.zeros(num_envs, dtype=bool)
-        self._random = RandomStreams(num_envs)
-        self._worlds = [SubEnvironment(self, index, metadata_of(self.episodes)) for index in range(num_envs)]
+        self._random = WorldRandomGenerators(num_envs)
+        self._worlds = [
+            SubEnvironment(self, index, make_metadata(self.episodes)) for index in range(num_envs)
+        ]
 
     def __getstate__(self) -> dict[str, Any]:
         """Returns the attributes for copying and pickling, without cameras. A copy continues bit-identically and
@@ -133,7 +135,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return tuple(self._random.seeds)
 
     def reset(
-        self, *, seed: Seeds = None, options: dict[str, Any] | None = None
+        self, *, seed: SeedArgument = None, options: dict[str, Any] | None = None
     ) -> tuple[AnyObservation, dict[str, Any]]:
         """Start episodes in all worlds, or in those of ``options["reset_mask"]``, boolean (N,).
 
@@ -145,7 +147,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             ValueError: if the number of seeds is not N, or for an invalid mask.
             gymnasium.error.ResetNeeded: if the mask of the first reset does not include all worlds.
         """
-        world_mask = reset_mask(options, self.num_envs)
+        world_mask = read_reset_mask(options, self.num_envs)
         if self._now is None and not world_mask.all():
             raise ResetNeeded(
                 "reset_mask of the first reset does not include all worlds; call reset() without reset_mask"
@@ -153,7 +155,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         self._random.reseed(seed, world_mask)
         self._ended = self._ended & ~world_mask
         start = self._begin(world_mask)
-        return self._observed(start), infos(start, world_mask)
+        return self._observed(start), make_vector_infos(start, world_mask)
 
     def step(
         self, actions: Float32Array
@@ -177,7 +179,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         final = self._final_infos(step, truncated) if same_step and truncated.any() else {}
         self._ended = np.zeros_like(truncated) if same_step else truncated
         now = self._begin(truncated if same_step else ended)
-        told = infos(now, np.ones(self.num_envs, dtype=bool))
+        told = make_vector_infos(now, np.ones(self.num_envs, dtype=bool))
         reward = np.where(ended, 0.0, step.reward)
         return self._observed(now), reward, np.zeros(self.num_envs, dtype=bool), truncated, told | final
 
@@ -185,14 +187,14 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         """Returns the observations of all worlds. Images show the current state."""
         if not self._cameras:
             return step.observation.copy()
-        return {STATE_ENTRY: step.observation.copy(), **self.episodes.images(self._cameras)}
+        return {STATE_ENTRY: step.observation.copy(), **self.episodes.render_images(self._cameras)}
 
     def _final_infos(self, step: StepOutcome, ended: BoolArray) -> dict[str, Any]:
         """Returns the last observations and infos of the worlds in the mask ``ended`` (N,)."""
-        final = vector_final_infos(step, ended)
+        final = make_final_infos(step, ended)
         if self._cameras:
             worlds = np.nonzero(ended)[0].tolist()
-            images = self.episodes.images(self._cameras, worlds)
+            images = self.episodes.render_images(self._cameras, worlds)
             for row, world in enumerate(worlds):
                 seen = {name: image[row] for name, image in images.items()}
                 final["final_obs"][world] = {STATE_ENTRY: final["final_obs"][world], **seen}
@@ -218,7 +220,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
                 self._views.pop(world).close()
         self.episodes.reset(ids, [self._random.generators[world] for world in ids])
         start = self.episodes.evaluate_state()
-        self._now = start if self._now is None else merge_steps(world_mask, start, self._now)
+        self._now = start if self._now is None else merge_step_outcomes(world_mask, start, self._now)
         return self._now
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
@@ -271,7 +273,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         for view in self._views.values():
             view.close()
         self._views.clear()
-        self.episodes.close_images()
+        self.episodes.close_renderer()
 
 
 def _autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:

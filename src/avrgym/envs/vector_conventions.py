@@ -15,11 +15,11 @@ from avrgym.tasks.control_loop import StepOutcome
 if TYPE_CHECKING:
     from avrgym.envs.vector import AssistiveVectorEnv
 
-Seeds = int | np.integer | Sequence[int | None] | NDArray[np.integer] | None
+SeedArgument = int | np.integer | Sequence[int | None] | NDArray[np.integer] | None
 """Argument ``seed`` of ``reset``: one integer for all worlds, a sequence with one seed per world, or ``None``."""
 
 
-class RandomStreams:
+class WorldRandomGenerators:
     """The random generators of N worlds, with their seeds."""
 
     def __init__(self, count: int) -> None:
@@ -27,7 +27,7 @@ class RandomStreams:
         self.generators = [generator for generator, _ in made]
         self.seeds: list[int] = [seed for _, seed in made]
 
-    def reseed(self, seed: Seeds, world_mask: BoolArray) -> None:
+    def reseed(self, seed: SeedArgument, world_mask: BoolArray) -> None:
         """Seed the generators of the worlds in a mask (N,).
 
         With one seed, world i gets seed + i. With a list, world i gets the i-th seed; None does not change its
@@ -42,12 +42,12 @@ class RandomStreams:
         for i, (generator, made_from) in made.items():
             self.generators[i], self.seeds[i] = generator, made_from
 
-    def _one_each(self, seed: Seeds) -> list[int | None]:
+    def _one_each(self, seed: SeedArgument) -> list[int | None]:
         count = len(self.generators)
         if seed is None:
             return [None] * count
         if isinstance(seed, Iterable):
-            wanted = [python_seed(each) for each in seed]
+            wanted = [to_python_seed(each) for each in seed]
             if len(wanted) != count:
                 raise ValueError(
                     f"seed contains {len(wanted)} seeds; allowed: one number, or a list of {count}"
@@ -72,12 +72,12 @@ def check_episode_length(steps: object) -> None:
         check_positive_integer("max_episode_steps", steps)
 
 
-def python_seed(seed: int | np.integer | None) -> int | None:
+def to_python_seed(seed: int | np.integer | None) -> int | None:
     """Converts a seed to Python's ``int``, because Gymnasium rejects NumPy integers. Returns ``None`` unchanged."""
     return int(seed) if isinstance(seed, np.integer) else seed
 
 
-def reset_mask(options: Mapping[str, Any] | None, count: int) -> BoolArray:
+def read_reset_mask(options: Mapping[str, Any] | None, count: int) -> BoolArray:
     """Returns the boolean mask (N,) of the worlds to reset: ``options["reset_mask"]``, or all worlds.
 
     Raises:
@@ -94,7 +94,7 @@ def reset_mask(options: Mapping[str, Any] | None, count: int) -> BoolArray:
     return mask
 
 
-def merge_steps(world_mask: BoolArray, some: StepOutcome, others: StepOutcome) -> StepOutcome:
+def merge_step_outcomes(world_mask: BoolArray, some: StepOutcome, others: StepOutcome) -> StepOutcome:
     """Returns a combination of two results: ``some`` in the worlds of the mask ``world_mask`` (N,), ``others``
     elsewhere."""
     terms = {
@@ -112,7 +112,7 @@ def _where(world_mask: BoolArray, some: NumpyArray, others: NumpyArray) -> Numpy
     return np.where(world_mask.reshape(-1, *[1] * (some.ndim - 1)), some, others)
 
 
-def infos(step: StepOutcome, of: BoolArray) -> dict[str, Any]:
+def make_vector_infos(step: StepOutcome, of: BoolArray) -> dict[str, Any]:
     """Returns Gymnasium's infos of the worlds in the mask ``of`` (N,). Values of other worlds are 0.
 
     For each key, the dictionary also contains a mask ``_key`` (N,) of the worlds with a value.
@@ -126,19 +126,19 @@ def infos(step: StepOutcome, of: BoolArray) -> dict[str, Any]:
     if step.guard_interventions is not None:
         found["guard_interventions"] = np.where(of, step.guard_interventions, 0)
     masked = _masked(found, of)
-    overridden = of if step.overridden is None else of & step.overridden
-    if step.overridden is not None and overridden.any():
+    overridden = of if step.overridden_mask is None else of & step.overridden_mask
+    if step.overridden_mask is not None and overridden.any():
         actions = np.where(overridden[:, None], step.executed_action, 0.0)
         masked |= _masked({"executed_action": actions}, overridden)
     return masked
 
 
-def vector_final_infos(step: StepOutcome, ended: BoolArray) -> dict[str, Any]:
+def make_final_infos(step: StepOutcome, ended: BoolArray) -> dict[str, Any]:
     """Returns the last observations and infos of the worlds in the mask ``ended`` (N,)."""
     observations = np.full(len(ended), None, dtype=object)
     for world in np.nonzero(ended)[0]:
         observations[world] = step.observation[world].copy()
-    return _masked({"final_obs": observations, "final_info": infos(step, ended)}, ended)
+    return _masked({"final_obs": observations, "final_info": make_vector_infos(step, ended)}, ended)
 
 
 def _masked(values: Mapping[str, Any], of: BoolArray) -> dict[str, Any]:

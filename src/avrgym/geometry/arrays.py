@@ -21,7 +21,7 @@ _NUMPYS = (np.ndarray, float, int, list, tuple, np.generic)
 """Types for which the functions of this module use NumPy."""
 
 
-def namespace(*values: AnyArray) -> Any:
+def get_namespace(*values: AnyArray) -> Any:
     """Returns the array library of the values: NumPy if all values are NumPy arrays, numbers or sequences."""
     for value in values:
         if not isinstance(value, _NUMPYS):
@@ -29,7 +29,7 @@ def namespace(*values: AnyArray) -> Any:
     return np
 
 
-def namespace_and_floats(*values: AnyArray) -> tuple[AnyArray, ...]:
+def get_namespace_and_floats(*values: AnyArray) -> tuple[AnyArray, ...]:
     """Returns the array library of the values, followed by each value as a floating-point array of this library.
 
     NumPy values become float64. If one value is an array of another library, all values become arrays of that library.
@@ -71,7 +71,7 @@ def to_device_of(values: AnyArray, array: AnyArray) -> AnyArray:
         return values
     numbers = np.asarray(values)
     dtype = array.dtype if numbers.dtype.kind == "f" else None
-    return namespace(array).asarray(numbers.copy(), dtype=dtype, device=array.device)
+    return get_namespace(array).asarray(numbers.copy(), dtype=dtype, device=array.device)
 
 
 def to_numpy(array: AnyArray) -> NumpyArray:
@@ -79,24 +79,24 @@ def to_numpy(array: AnyArray) -> NumpyArray:
     return np.asarray(array if isinstance(array, _NUMPYS) else to_device(array, "cpu"))
 
 
-def float_copy(array: ArrayLike) -> AnyArray:
+def copy_as_float(array: ArrayLike) -> AnyArray:
     """Returns a copy as a floating-point array. The caller may change the copy."""
-    xp, numbers = namespace_and_floats(array)
+    xp, numbers = get_namespace_and_floats(array)
     return xp.asarray(numbers, copy=True)
 
 
-def row_indices(array: AnyArray) -> AnyArray:
+def make_row_indices(array: AnyArray) -> AnyArray:
     """Returns the indices 0 to n − 1 of the rows of an array (n, ...), on the device of the array."""
-    return namespace(array).arange(len(array), device=array.device)
+    return get_namespace(array).arange(len(array), device=array.device)
 
 
-def indices_to_compute(mask: AnyArray) -> tuple[AnyArray, ...]:
+def find_indices_to_compute(mask: AnyArray) -> tuple[AnyArray, ...]:
     """Returns index arrays, one per axis, of the elements that must be computed.
 
     With NumPy these are the elements with a true ``mask``. With other libraries they are all elements, because their
     number would otherwise be copied to the host. The caller must therefore mask the results.
     """
-    xp = namespace(mask)
+    xp = get_namespace(mask)
     if xp is np:
         return np.nonzero(mask)
     grid = xp.meshgrid(*[xp.arange(size, device=mask.device) for size in mask.shape], indexing="ij")
@@ -112,5 +112,5 @@ def interpolate(limits: tuple[float, float], share: FloatArray) -> FloatArray:
 
 def choose_index(uniform: FloatArray, count: IntArray | int) -> IntArray:
     """Returns indices from 0 to ``count`` − 1 for uniform random numbers in [0, 1]. All indices are equally likely."""
-    xp = namespace(uniform)
+    xp = get_namespace(uniform)
     return xp.minimum(xp.astype(uniform * count, xp.int64), count - 1)

@@ -9,7 +9,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import namespace, namespace_and_floats
+from avrgym.geometry.arrays import get_namespace, get_namespace_and_floats
 
 
 def segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatArray) -> FloatArray:
@@ -66,7 +66,7 @@ def _closest_share(start: FloatArray, along: FloatArray, half: FloatArray) -> Fl
     positions at which the segment enters or leaves a slab. One Newton step in the correct interval finds the zero of
     this sum.
     """
-    xp = namespace(start)
+    xp = get_namespace(start)
     least = _vanishing(along)
     moving = xp.where(xp.abs(along) > least, along, least)
     middle, reach = -start / moving, half / xp.abs(moving)
@@ -84,7 +84,7 @@ def _closest_share(start: FloatArray, along: FloatArray, half: FloatArray) -> Fl
 
 def _share(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
     """Returns the ratio, clamped to 0 … 1; 0 if the denominator vanishes."""
-    xp = namespace(numerator)
+    xp = get_namespace(numerator)
     usable = xp.abs(denominator) > _vanishing(denominator)
     return _clamp(numerator / xp.where(usable, denominator, np.inf), 0.0, 1.0)
 
@@ -94,18 +94,18 @@ def _vanishing(x: FloatArray) -> float:
 
     The inverse of the threshold is finite in the precision of x.
     """
-    return 1e-100 if x.dtype == namespace(x).float64 else 1e-30
+    return 1e-100 if x.dtype == get_namespace(x).float64 else 1e-30
 
 
 def _clamp(x: FloatArray, low: FloatArray | float, high: FloatArray | float) -> FloatArray:
     """Returns x clipped to [low, high]. This is faster than ``numpy.clip``."""
-    xp = namespace(x)
+    xp = get_namespace(x)
     return xp.minimum(xp.maximum(x, low), high)
 
 
 def _axis_first(*vectors: FloatArray) -> list[FloatArray]:
     """Returns vectors (..., n) with equal numbers of axes, and with the last axis moved to the front."""
-    xp, *arrays = namespace_and_floats(*vectors)
+    xp, *arrays = get_namespace_and_floats(*vectors)
     axes = max(v.ndim for v in arrays)
     order = (axes - 1, *range(axes - 1))
     turned = [xp.permute_dims(v.reshape((1,) * (axes - v.ndim) + v.shape), order) for v in arrays]
@@ -118,4 +118,4 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _length(v: FloatArray) -> FloatArray:
-    return namespace(v).sqrt(_dot(v, v))
+    return get_namespace(v).sqrt(_dot(v, v))

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avrgym.array_types import NumpyArray
-from avrgym.geometry.arrays import namespace
+from avrgym.geometry.arrays import get_namespace
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -32,7 +32,7 @@ def _or_by_library(name: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
     def decorate(own: Callable[P, T]) -> Callable[P, T]:
         @wraps(own)
         def chosen(*arguments: P.args, **named: P.kwargs) -> T:
-            library = namespace(*arguments)
+            library = get_namespace(*arguments)
             if library is np:
                 return own(*arguments, **named)
             return getattr(library, name)(*arguments, **named)
@@ -48,7 +48,7 @@ def sine_and_cosine(x: ArrayLike) -> tuple[NumpyArray, NumpyArray]:
     Errors are below 10⁻¹⁵ for angles of at most 10⁵ revolutions (float32: 10⁻⁶ and 100 revolutions). Taylor series give
     the values for a quarter of the angle. Then the double-angle formulas are applied twice.
     """
-    library = namespace(x)
+    library = get_namespace(x)
     if library is not np:
         return library.sin(x), library.cos(x)
     x = _floating(x)
@@ -201,7 +201,7 @@ _LOGARITHM = [1.0 / (2.0 * n + 1.0) for n in reversed(range(11))]
 
 
 @cache
-def c_library_fingerprint() -> str:
+def compute_c_library_fingerprint() -> str:
     """Returns a hash (eight hexadecimal digits) of results of the C library's functions that MuJoCo calls.
 
     Two computers with different hashes may simulate with different rounding errors.

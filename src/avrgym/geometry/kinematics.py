@@ -1,6 +1,6 @@
 """Kinematics of chains of hinges and slides: forward kinematics, Jacobian, isotropy, inverse kinematics.
 
-Joint positions are in radians for hinges and in metres for slides. ``Chain.joint_units`` makes them comparable. In
+Joint positions are in radians for hinges and in metres for slides. ``Chain.joint_scales`` makes them comparable. In
 public arrays (N, ...) the row is the first axis. Internally it is the last axis: operations then use contiguous memory.
 A rotation is stored as its three columns, (3, 3, N). A row's result does not depend on other rows, bit for bit.
 """
@@ -38,25 +38,25 @@ class Chain:
     """A kinematic chain of J hinges and slides from a base frame to a tip frame.
 
     Attributes:
-        body_pos, body_q: pose of each joint's body in the frame of the previous body at joint position zero, (J, 3)
+        body_pos, body_quat: pose of each joint's body in the frame of the previous body at joint position zero, (J, 3)
             and (J, 4).
         joint_axis: joint axes in the frame of their bodies (J, 3).
-        tip_pos, tip_q: pose of the tip in the frame of the last body, (3,) and (4,).
+        tip_pos, tip_quat: pose of the tip in the frame of the last body, (3,) and (4,).
         lower_limit, upper_limit: joint ranges (J,), infinite for continuous joints.
         slide_joints: indices of the joints that are slides.
     """
 
     body_pos: FloatArray
-    body_q: FloatArray
+    body_quat: FloatArray
     joint_axis: FloatArray
     tip_pos: FloatArray
-    tip_q: FloatArray
+    tip_quat: FloatArray
     lower_limit: FloatArray
     upper_limit: FloatArray
     slide_joints: frozenset[int] = frozenset()
 
     @cached_property
-    def joint_units(self) -> FloatArray:
+    def joint_scales(self) -> FloatArray:
         """Unit of each joint's position (J,): 1 rad for a hinge, ``METRES_PER_RADIAN`` for a slide."""
         units = np.ones(len(self.body_pos))
         units[list(self.slide_joints)] = METRES_PER_RADIAN
@@ -69,7 +69,10 @@ class Chain:
         Each link is a fixed translation (3,) and the three columns (3, 3) of a fixed rotation matrix.
         """
         turned = [np.eye(3), *(_frame_with_z(axis) for axis in self.joint_axis)]
-        offsets, rotations = [*self.body_pos, self.tip_pos], transforms.to_matrix([*self.body_q, self.tip_q])
+        offsets, rotations = (
+            [*self.body_pos, self.tip_pos],
+            transforms.to_matrix([*self.body_quat, self.tip_quat]),
+        )
         ends = [*turned[1:], np.eye(3)]
         return tuple(
             (_snapped(_product(before.T, offset)), _snapped(_product(_product(before.T, rotation), after).T))
@@ -130,10 +133,10 @@ def extract_chain(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: 
     ranges = np.stack([_range(model, name) for name in joints])
     return Chain(
         body_pos=np.stack([p for p, _ in before]),
-        body_q=np.stack([r for _, r in before]),
+        body_quat=np.stack([r for _, r in before]),
         joint_axis=np.stack([model.joint(name).axis for name in joints]),
         tip_pos=segments[-1][1],
-        tip_q=segments[-1][2],
+        tip_quat=segments[-1][2],
         lower_limit=ranges[:, 0],
         upper_limit=ranges[:, 1],
         slide_joints=frozenset(
@@ -142,8 +145,8 @@ def extract_chain(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: 
     )
 
 
-def joint_units(types: Sequence[int]) -> FloatArray:
-    """Returns the unit of each joint's position (J,), from MuJoCo's joint types; see ``Chain.joint_units``."""
+def compute_joint_scales(types: Sequence[int]) -> FloatArray:
+    """Returns the unit of each joint's position (J,), from MuJoCo's joint types; see ``Chain.joint_scales``."""
     return np.where(np.equal(types, SLIDE_JOINT_TYPE), METRES_PER_RADIAN, 1.0)
 
 
@@ -158,7 +161,7 @@ def forward_kinematics(chain: Chain, joint_positions: FloatArray) -> tuple[Float
     return move_batch_axis_first(poses.tip), transforms.from_matrix(move_batch_axis_first(poses.columns))
 
 
-def jacobian(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def compute_jacobian(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns the pose and the geometric Jacobian of the tip in the base frame, at joint positions (N, J).
 
     Returns:
@@ -169,12 +172,12 @@ def jacobian(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, Flo
     return move_batch_axis_first(poses.tip), q, move_batch_axis_first(_jacobian(poses))
 
 
-def action_jacobian(chain: Chain, joint_positions: FloatArray, *, drives: bool) -> FloatArray:
+def compute_action_jacobian(chain: Chain, joint_positions: FloatArray, *, drives: bool) -> FloatArray:
     """Returns the Jacobian (N, 6, A) of the tip in the frame of the robot's base, for speeds of joints and base.
 
     If ``drives`` is true, the last two columns belong to the base's motion along x and its rotation about z.
     """
-    pos, _, j = jacobian(chain, joint_positions)
+    pos, _, j = compute_jacobian(chain, joint_positions)
     if not drives:
         return j
     base = np.zeros((len(pos), 6, 2))
@@ -191,7 +194,7 @@ def prepend_slide(chain: Chain, travel_m: float) -> Chain:
     return replace(
         chain,
         body_pos=np.concatenate([np.zeros((1, 3)), chain.body_pos]),
-        body_q=np.concatenate([transforms.IDENTITY_QUATERNION[None], chain.body_q]),
+        body_quat=np.concatenate([transforms.IDENTITY_QUATERNION[None], chain.body_quat]),
         joint_axis=np.concatenate([[[1.0, 0.0, 0.0]], chain.joint_axis]),
         lower_limit=np.concatenate([[-travel_m], chain.lower_limit]),
         upper_limit=np.concatenate([[travel_m], chain.upper_limit]),
@@ -199,7 +202,7 @@ def prepend_slide(chain: Chain, travel_m: float) -> Chain:
     )
 
 
-def reach_m(chain: Chain) -> float:
+def compute_max_reach_m(chain: Chain) -> float:
     """Returns an upper bound of the distance in metres between the tip and the first joint.
 
     If the first joint is a slide, it is at position zero.
@@ -219,13 +222,13 @@ def wrap_angles(chain: Chain, joint_positions: FloatArray) -> FloatArray:
     return np.where(free, np.mod(joint_positions + np.pi, 2.0 * np.pi) - np.pi, joint_positions)
 
 
-JOINT_LIMIT_MARGIN_SHARE = 0.05
+JOINT_LIMIT_MARGIN_FRACTION = 0.05
 """Width of the zone near a joint limit in which weights decrease, as a share of half the joint range."""
 MIN_JOINT_LIMIT_WEIGHT = 0.001
 """Minimum of the joint-limit weights. It applies to positions outside the joint range."""
 
 
-def joint_limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray:
+def compute_joint_limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray:
     """Returns joint-limit weights (N, J) at joint positions (N, J).
 
     The weight is 0.5 at a limit, almost 1 far from both limits, and 1 for continuous joints. With half range r and
@@ -235,7 +238,7 @@ def joint_limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray
     limited = np.isfinite(chain.upper_limit)
     lower, upper = np.where(limited, chain.lower_limit, -1.0), np.where(limited, chain.upper_limit, 1.0)
     half = 0.5 * (upper - lower)
-    margins = (half - np.abs(half - joint_positions + lower)) / (JOINT_LIMIT_MARGIN_SHARE * half)
+    margins = (half - np.abs(half - joint_positions + lower)) / (JOINT_LIMIT_MARGIN_FRACTION * half)
     # the minimum of 0.001 applies below this exponent; powers with lower exponents would overflow
     bounded = np.maximum(margins, -1.0)
     return np.where(
@@ -243,16 +246,18 @@ def joint_limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray
     )
 
 
-def isotropy(chain: Chain, joint_positions: FloatArray) -> FloatArray:
+def compute_isotropy(chain: Chain, joint_positions: FloatArray) -> FloatArray:
     """Returns the joint-limit-weighted kinematic isotropy (N,) at joint positions (N, J).
 
-    It is 0 at singularities and at most 1. For joint positions in ``Chain.joint_units``, it is the geometric mean of
+    It is 0 at singularities and at most 1. For joint positions in ``Chain.joint_scales``, it is the geometric mean of
     the eigenvalues of J W Jᵀ, divided by their arithmetic mean: det(J W Jᵀ)^(1/6) / (trace(J W Jᵀ) / 6), W =
-    diag(``joint_limit_weights``). Source: Kapusta and Kemp (Autonomous Robots 43, 2019), after the kinematic isotropy
-    of Kim and Khosla (IROS 1991).
+    diag(``compute_joint_limit_weights``). Source: Kapusta and Kemp (Autonomous Robots 43, 2019), after the kinematic
+    isotropy of Kim and Khosla (IROS 1991).
     """
     j = _scaled_jacobian(_poses(chain, move_batch_axis_last(joint_positions)))
-    square = weighted_gram_matrix(j, move_batch_axis_last(joint_limit_weights(chain, joint_positions)))
+    square = weighted_gram_matrix(
+        j, move_batch_axis_last(compute_joint_limit_weights(chain, joint_positions))
+    )
     trace = reduce(np.add, diagonal(square))
     gaussian_elimination(square)
     determinant = reduce(np.multiply, np.maximum(diagonal(square), 0.0))
@@ -276,7 +281,7 @@ MAX_ITERATIONS = 50
 MAX_IK_STEP_RAD = 0.5
 METRES_PER_RADIAN = 0.3
 """Length that is equivalent to one radian of a rotation error or of a joint's motion."""
-ROWS_PER_BLOCK = 8192
+MAX_ROWS_PER_BATCH = 8192
 """Number of rows in one batch of computations. NumPy's call overhead is then small, and the data fit into the cache."""
 
 
@@ -302,7 +307,7 @@ def inverse_kinematics(
         target_pos: target positions of the tip (N, 3) in the base frame, metres.
         target_q: target rotations of the tip (N, 4) in the base frame, or None for any rotation.
         start: initial joint positions of the search (N, J).
-        iterations: maximum number of steps. A step moves each joint by at most half of its ``Chain.joint_units``.
+        iterations: maximum number of steps. A step moves each joint by at most half of its ``Chain.joint_scales``.
         tolerance: the search of a row ends when its weighted error is at most this value, metres.
         precision: data type of the computation. ``numpy.float32`` takes half the time, with errors of at most 0.1 mm.
     """
@@ -312,9 +317,9 @@ def inverse_kinematics(
         np.stack([chain.lower_limit, chain.upper_limit]).astype(precision),
     )
     angles = np.clip(move_batch_axis_last(start).astype(precision), *limits[..., None])
-    units = chain.joint_units[:, None].astype(precision)
+    units = chain.joint_scales[:, None].astype(precision)
     left, steps = np.empty((2, len(start))), np.zeros(len(start), dtype=int)
-    rows, waiting = np.split(np.arange(len(start)), [ROWS_PER_BLOCK])
+    rows, waiting = np.split(np.arange(len(start)), [MAX_ROWS_PER_BATCH])
     while len(rows):
         now = angles.take(rows, axis=-1)
         poses = _poses(chain, now)
@@ -336,7 +341,7 @@ MAX_RESTART_OFFSET_RAD = 1.0
 MAX_POSITION_ERROR_M, MAX_ROTATION_ERROR_RAD = 0.005, 0.05
 
 
-def num_restart_uniforms(joints: int) -> int:
+def count_restart_random_numbers(joints: int) -> int:
     """Returns the number of uniform random numbers that the restarts of one arm with ``joints`` joints need."""
     return NUM_RESTARTS * joints
 
@@ -347,10 +352,10 @@ def inverse_kinematics_with_restarts(
     """Returns joint positions (N, J) for target positions (N, 3) and rotations (N, 4).
 
     The search starts at a seed pose (J,), then at random poses near the seed pose. In these poses each joint differs
-    from the seed pose by at most one unit, see ``Chain.joint_units``. Random numbers ``uniforms`` (N,
-    ``num_restart_uniforms(J)``) determine the random poses. The result of a row is the first solution with errors below
-    5 mm and 0.05 rad. Without such a solution, it is the solution with the smallest error. Continuous joints are
-    wrapped to ±π.
+    from the seed pose by at most one unit, see ``Chain.joint_scales``. Random numbers ``uniforms`` (N,
+    ``count_restart_random_numbers(J)``) determine the random poses. The result of a row is the first solution with
+    errors below 5 mm and 0.05 rad. Without such a solution, it is the solution with the smallest error. Continuous
+    joints are wrapped to ±π.
     """
     best = inverse_kinematics(chain, target_pos, target_q, np.tile(seed_pose, (len(target_pos), 1)))
     for restart in range(NUM_RESTARTS):
@@ -358,7 +363,7 @@ def inverse_kinematics_with_restarts(
         if not len(rows):
             break
         spread = uniforms[rows, restart * len(seed_pose) : (restart + 1) * len(seed_pose)]
-        start = seed_pose + MAX_RESTART_OFFSET_RAD * chain.joint_units * (2.0 * spread - 1.0)
+        start = seed_pose + MAX_RESTART_OFFSET_RAD * chain.joint_scales * (2.0 * spread - 1.0)
         best = replace_worse_solutions(
             best, inverse_kinematics(chain, target_pos[rows], target_q[rows], start), rows
         )
@@ -436,7 +441,7 @@ def _jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
 
 
 def _scaled_jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
-    """Returns the result of ``_jacobian`` for joint positions in ``Chain.joint_units``."""
+    """Returns the result of ``_jacobian`` for joint positions in ``Chain.joint_scales``."""
     j = _jacobian(poses, metres_per_radian)
     for slide in poses.slides:
         j[slide] *= METRES_PER_RADIAN

@@ -8,7 +8,7 @@ import numpy as np
 
 from avrgym.array_types import AnyArray, FloatArray
 from avrgym.geometry import elementary
-from avrgym.geometry.arrays import constant_like, namespace, namespace_and_floats
+from avrgym.geometry.arrays import constant_like, get_namespace, get_namespace_and_floats
 
 IDENTITY_QUATERNION = np.array([1.0, 0.0, 0.0, 0.0])
 _CONJUGATED = np.array([1.0, -1.0, -1.0, -1.0])
@@ -16,7 +16,7 @@ _CONJUGATED = np.array([1.0, -1.0, -1.0, -1.0])
 
 def multiply(a: AnyArray, b: AnyArray) -> FloatArray:
     """Returns the quaternion product a ⊗ b, (..., 4): rotation b, followed by rotation a."""
-    _, a, b = namespace_and_floats(a, b)
+    _, a, b = get_namespace_and_floats(a, b)
     aw, ax, ay, az = _components(a)
     bw, bx, by, bz = _components(b)
     return _joined(
@@ -29,19 +29,19 @@ def multiply(a: AnyArray, b: AnyArray) -> FloatArray:
 
 def conjugate(q: AnyArray) -> FloatArray:
     """Returns the conjugate of a unit quaternion (..., 4), which is its inverse rotation."""
-    _, q = namespace_and_floats(q)
+    _, q = get_namespace_and_floats(q)
     return q * constant_like(_CONJUGATED, q)
 
 
 def normalize(q: AnyArray) -> FloatArray:
     """Returns quaternions or vectors (..., n), scaled to unit length. Values are not finite for length zero."""
-    xp, q = namespace_and_floats(q)
+    xp, q = get_namespace_and_floats(q)
     return q / xp.sqrt((q * q).sum(axis=-1, keepdims=True))
 
 
 def norm(v: AnyArray) -> FloatArray:
     """Returns the length (...) of vectors (..., n)."""
-    xp, v = namespace_and_floats(v)
+    xp, v = get_namespace_and_floats(v)
     if xp is np and v.ndim > 1 and v.shape[-1] == 3:  # the same sum, twice as fast
         x, y, z = _components(v)
         return np.sqrt(x * x + y * y + z * z)
@@ -50,7 +50,7 @@ def norm(v: AnyArray) -> FloatArray:
 
 def rotate(q: AnyArray, v: AnyArray) -> FloatArray:
     """Returns vectors v (..., 3), rotated by unit quaternions q (..., 4)."""
-    _, q, v = namespace_and_floats(q, v)
+    _, q, v = get_namespace_and_floats(q, v)
     w, u = q[..., :1], q[..., 1:]
     t = 2.0 * cross(u, v)
     return v + w * t + cross(u, t)
@@ -58,7 +58,7 @@ def rotate(q: AnyArray, v: AnyArray) -> FloatArray:
 
 def cross(a: AnyArray, b: AnyArray) -> FloatArray:
     """Returns the cross product of vectors (..., 3). For a few vectors this is faster than ``numpy.cross``."""
-    _, a, b = namespace_and_floats(a, b)
+    _, a, b = get_namespace_and_floats(a, b)
     ax, ay, az = _components(a)
     bx, by, bz = _components(b)
     return _joined(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
@@ -66,13 +66,13 @@ def cross(a: AnyArray, b: AnyArray) -> FloatArray:
 
 def from_axis_angle(axis: AnyArray, angle_rad: AnyArray) -> FloatArray:
     """Returns the quaternion (..., 4) of a rotation by ``angle_rad`` (...) about the unit vector ``axis`` (..., 3)."""
-    _, axis, angle_rad = namespace_and_floats(axis, angle_rad)
+    _, axis, angle_rad = get_namespace_and_floats(axis, angle_rad)
     return from_rotation_vector(axis * angle_rad[..., None])
 
 
 def from_rotation_vector(v: AnyArray) -> FloatArray:
     """Returns the quaternions (..., 4) of rotation vectors (..., 3) in radians (exponential map)."""
-    xp, v = namespace_and_floats(v)
+    xp, v = get_namespace_and_floats(v)
     angle = xp.sqrt((v * v).sum(axis=-1, keepdims=True))
     half = np.pi * xp.where(angle == 0.0, 1e-20, 0.5 * angle / np.pi)
     sine, cosine = elementary.sine_and_cosine(half)
@@ -81,7 +81,7 @@ def from_rotation_vector(v: AnyArray) -> FloatArray:
 
 def to_rotation_vector(q: AnyArray) -> FloatArray:
     """Returns the rotation vectors (..., 3) of unit quaternions (..., 4) (logarithm). Their length is at most π."""
-    xp, q = namespace_and_floats(q)
+    xp, q = get_namespace_and_floats(q)
     q = xp.where(q[..., :1] < 0.0, -q, q)
     sine = xp.sqrt((q[..., 1:] ** 2).sum(axis=-1, keepdims=True))
     angle = 2.0 * elementary.arctan2(sine, q[..., :1])
@@ -91,7 +91,7 @@ def to_rotation_vector(q: AnyArray) -> FloatArray:
 
 def to_matrix(q: AnyArray) -> FloatArray:
     """Returns the rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
-    _, q = namespace_and_floats(q)
+    _, q = get_namespace_and_floats(q)
     w, x, y, z = _components(q)
     x2, y2, z2 = x + x, y + y, z + z
     xx, yy, zz = x * x2, y * y2, z * z2
@@ -110,7 +110,7 @@ def from_matrix(matrix: AnyArray) -> FloatArray:
 
     The method is Shepperd's: it divides by the largest of the four components, which limits rounding errors.
     """
-    xp, m = namespace_and_floats(matrix)
+    xp, m = get_namespace_and_floats(matrix)
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
     wx, wy, wz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
     xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
@@ -135,7 +135,7 @@ def compose(
     pos_ab: AnyArray, q_ab: AnyArray, pos_bc: AnyArray, q_bc: AnyArray
 ) -> tuple[FloatArray, FloatArray]:
     """Returns the composition of two poses, T_ac = T_ab · T_bc, as (position, quaternion)."""
-    _, pos_ab, turned = namespace_and_floats(pos_ab, rotate(q_ab, pos_bc))
+    _, pos_ab, turned = get_namespace_and_floats(pos_ab, rotate(q_ab, pos_bc))
     return pos_ab + turned, multiply(q_ab, q_bc)
 
 
@@ -151,7 +151,7 @@ def to_euler_xyz(q: AnyArray) -> FloatArray:
     b is in −π/2..π/2. At b = ±π/2 (gimbal lock) only a ± c is determined; c is then 0.
     """
     m = to_matrix(q)
-    xp = namespace(m)
+    xp = get_namespace(m)
     across = xp.hypot(m[..., 1, 2], m[..., 2, 2])
     b, locked = elementary.arctan2(m[..., 0, 2], across), across < 1e-9
     above = xp.where(locked, m[..., 2, 1], -m[..., 1, 2])
@@ -171,7 +171,7 @@ def _joined(*components: FloatArray) -> FloatArray:
 
     For a few vectors this is faster than ``numpy.stack``.
     """
-    xp = namespace(*components)
+    xp = get_namespace(*components)
     if xp is not np:
         return xp.stack(components, axis=-1)
     v = np.empty((*np.shape(components[0]), len(components)))

@@ -14,13 +14,13 @@ at the same addresses. After each crash, a session continues with the first inco
 |---|---|
 | ``settings`` | contents of ``host.toml`` |
 | ``host_state`` | state that remains after a restart of the host: ``private/host.json`` |
-| ``addresses`` | public address and links |
+| ``public_links`` | public address and links |
 | ``rate_limits``, ``headset_codes`` | limits of requests, codes for headsets |
 | ``stages`` | next step of a participant |
 | ``capacity``, ``waiting_list`` | admission and waiting time |
 | ``session_process``, ``session_pool`` | processes of sessions and their supervision |
 | ``tunnel`` | WebSockets between browser and session |
-| ``participant_app``, ``experimenter_app`` | web applications of both servers |
+| ``make_participant_app``, ``make_experimenter_app`` | web applications of both servers |
 | ``data_requests`` | deletion and copies of data on request |
 | ``host`` | the host with both servers |
 """

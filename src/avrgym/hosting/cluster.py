@@ -26,40 +26,40 @@ from urllib.parse import urlsplit
 import ray
 from ray.exceptions import RayError
 
-from avrgym.hosting.capacity import Capacity
-from avrgym.hosting.computers import SessionWorker
+from avrgym.hosting.capacity import SessionCapacity
+from avrgym.hosting.computers import SessionProcess
 from avrgym.hosting.session_process import SessionRequest, run_session
-from avrgym.study.design.design import FILE as DESIGN
-from avrgym.study.plan.study_files import study_files
-from avrgym.study.storage.database import DATABASE_URL_VARIABLE, database_url
+from avrgym.study.design.design import DESIGN_FILE as DESIGN
+from avrgym.study.plan.study_files import list_study_files
+from avrgym.study.storage.database import DATABASE_URL_VARIABLE, find_database_url
 from avrgym.study.storage.identity_file import IDENTITY_FOLDER as PRIVATE
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
-from avrgym.system.cluster import BASE_WORKER_BYTES, Cluster, check_versions, installed_versions
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
+from avrgym.system.cluster import BASE_WORKER_BYTES, Cluster, check_versions, find_installed_versions
 from avrgym.system.processes import is_process_running
 from avrgym.system.transferred_files import TransferredFile
-from avrgym.vr.server.addresses import LOOPBACK_HOSTS
+from avrgym.vr.server.network_addresses import LOOPBACK_HOSTS
 from avrgym.vr.server.sound_files import SOUNDS_FOLDER
 
-START_TIMEOUT_S = 110.0
-END_TIMEOUT_S = 30.0
+SESSION_START_TIMEOUT_S = 110.0
+SESSION_END_TIMEOUT_S = 30.0
 POLL_INTERVAL_S = 0.5
-NODES_INTERVAL_S = 2.0
-SENT_VARIABLES = ("AVRGYM_", "AWS_")
+NODE_LIST_INTERVAL_S = 2.0
+SENT_ENVIRONMENT_VARIABLE_PREFIXES = ("AVRGYM_", "AWS_")
 """Prefixes of the environment variables that sessions get: addresses and credentials of database and object store."""
-FOLDER_PREFIX = "avrgym-session-"
+SESSION_FOLDER_PREFIX = "avrgym-session-"
 
 
 class RayNodes:
     """The nodes of a cluster that can run sessions of a study, as a function without arguments."""
 
-    def __init__(self, store: Store, cluster: Cluster) -> None:
+    def __init__(self, store: StudyStore, cluster: Cluster) -> None:
         """Check that the nodes can reach the study's database and object store.
 
         Raises:
             StudyError: if the study has no PostgreSQL database or no object store.
         """
-        url = database_url(store.design.database.url)
+        url = find_database_url(store.design.database.url)
         if not url:
             raise StudyError(
                 "--cluster needs a PostgreSQL database: set `url` under [database] in study.toml, or "
@@ -74,12 +74,12 @@ class RayNodes:
                 "the database URL contains a loopback address, which other nodes of the cluster cannot reach; allowed: "
                 "an address of this computer in their network, such as postgresql://user@10.0.0.1/name"
             )
-        self._store, self._nodes, self._asked_s = store, dict[str, RayNode](), -NODES_INTERVAL_S
+        self._store, self._nodes, self._asked_s = store, dict[str, RayNode](), -NODE_LIST_INTERVAL_S
 
     def __call__(self) -> list["RayNode"]:
         """Returns the living nodes with at least one core. Nodes may come and go."""
         now_s = time.monotonic()
-        if now_s - self._asked_s >= NODES_INTERVAL_S:
+        if now_s - self._asked_s >= NODE_LIST_INTERVAL_S:
             self._asked_s = now_s
             with suppress(RayError):
                 found = {
@@ -98,12 +98,12 @@ class RayNodes:
 class RayNode:
     """A node of the cluster, as a ``Computer``. ``name``: Ray's id of the node."""
 
-    def __init__(self, store: Store, name: str, cores: int) -> None:
-        self.capacity, self.name, self._store = Capacity(cores), name, store
+    def __init__(self, store: StudyStore, name: str, cores: int) -> None:
+        self.capacity, self.node_id, self._store = SessionCapacity(cores), name, store
 
-    def start(self, request: SessionRequest) -> tuple[SessionWorker, Connection]:
+    def start_session(self, request: SessionRequest) -> tuple[SessionProcess, Connection]:
         """Start a session in an actor on this node; see ``Computer``."""
-        strategy = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(self.name, soft=False)
+        strategy = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(self.node_id, soft=False)
         actor = (
             ray.remote(_SessionActor)
             .options(num_cpus=0, memory=BASE_WORKER_BYTES, max_restarts=0, scheduling_strategy=strategy)
@@ -118,7 +118,7 @@ class RayNode:
 class _NodeSession(threading.Thread):
     """Thread of the host: passes messages between the host's pipe and a session on a node until the session ends."""
 
-    def __init__(self, store: Store, actor: Any, request: SessionRequest, pipe: Connection) -> None:
+    def __init__(self, store: StudyStore, actor: Any, request: SessionRequest, pipe: Connection) -> None:
         super().__init__(name=f"session of {request.pseudonym}", daemon=True)
         self.pid: int | None = None
         self._store, self._actor, self._request, self._pipe = store, actor, request, pipe
@@ -141,9 +141,9 @@ class _NodeSession(threading.Thread):
     def _pass_messages(self) -> None:
         key = secrets.token_bytes(32)
         listening = self._actor.listen.remote(
-            self._request, files_for_nodes(self._store), _variables(self._store), key
+            self._request, pack_session_files(self._store), _variables(self._store), key
         )
-        address, self.pid, versions = ray.get(listening, timeout=START_TIMEOUT_S)
+        address, self.pid, versions = ray.get(listening, timeout=SESSION_START_TIMEOUT_S)
         try:
             check_versions(versions)
         except RuntimeError as error:
@@ -158,7 +158,7 @@ class _NodeSession(threading.Thread):
                         assert isinstance(each, Connection)
                         other.send(each.recv())
         finally:
-            ray.wait([ended], timeout=END_TIMEOUT_S)  # the session stores its end
+            ray.wait([ended], timeout=SESSION_END_TIMEOUT_S)  # the session stores its end
 
 
 class _SessionActor:
@@ -178,37 +178,43 @@ class _SessionActor:
         os.environ.update(variables)
         _remove_leftovers()
         host: str = ray.util.get_node_ip_address()
-        self._request, self._files = replace(request, address=host, is_temporary=True), files
+        self._request, self._files = replace(request, listen_address=host, is_temporary=True), files
         self._listener = Listener((host, 0), authkey=key)
-        return (host, int(self._listener.address[1])), os.getpid(), installed_versions()
+        return (host, int(self._listener.address[1])), os.getpid(), find_installed_versions()
 
     def run(self) -> None:
         """Run the session in a temporary folder, until it or the host has ended."""
         with (
-            TemporaryDirectory(prefix=f"{FOLDER_PREFIX}{os.getpid()}-") as temporary,
+            TemporaryDirectory(prefix=f"{SESSION_FOLDER_PREFIX}{os.getpid()}-") as temporary,
             self._listener.accept() as pipe,
         ):
             os.environ["XDG_DATA_HOME"] = temporary  # for the signing key of the temporary participation list
-            folder = Path(temporary) / self._request.folder.name
+            folder = Path(temporary) / self._request.study_folder.name
             self._files.write(folder)
-            run_session(replace(self._request, folder=folder), pipe)
+            run_session(replace(self._request, study_folder=folder), pipe)
 
 
-def files_for_nodes(store: Store) -> TransferredFile:
+def pack_session_files(store: StudyStore) -> TransferredFile:
     """Returns the files of the study that a session needs. Recordings and names of participants are not among them."""
     sounds = (path for path in (store.folder / SOUNDS_FOLDER).rglob("*") if path.is_file())
-    needed = [store.folder / name for name in (DESIGN, *study_files(store), Path(PRIVATE) / "tokens.json")]
+    needed = [
+        store.folder / name for name in (DESIGN, *list_study_files(store), Path(PRIVATE) / "tokens.json")
+    ]
     return TransferredFile.read_folder(str(store.folder), [*needed, *sounds])
 
 
-def _variables(store: Store) -> dict[str, str]:
-    given = {name: value for name, value in os.environ.items() if name.startswith(SENT_VARIABLES)}
-    return given | {DATABASE_URL_VARIABLE: database_url(store.design.database.url)}
+def _variables(store: StudyStore) -> dict[str, str]:
+    given = {
+        name: value
+        for name, value in os.environ.items()
+        if name.startswith(SENT_ENVIRONMENT_VARIABLE_PREFIXES)
+    }
+    return given | {DATABASE_URL_VARIABLE: find_database_url(store.design.database.url)}
 
 
 def _remove_leftovers() -> None:
     """Remove the temporary folders of killed sessions."""
-    for path in Path(gettempdir()).glob(f"{FOLDER_PREFIX}*"):
-        process = path.name.removeprefix(FOLDER_PREFIX).partition("-")[0]
+    for path in Path(gettempdir()).glob(f"{SESSION_FOLDER_PREFIX}*"):
+        process = path.name.removeprefix(SESSION_FOLDER_PREFIX).partition("-")[0]
         if process.isdecimal() and not is_process_running(int(process)):
             shutil.rmtree(path, ignore_errors=True)

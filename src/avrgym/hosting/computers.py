@@ -6,12 +6,12 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
-from avrgym.hosting.capacity import Capacity
+from avrgym.hosting.capacity import SessionCapacity
 from avrgym.hosting.session_process import SessionRequest, run_session
 from avrgym.system.child_processes import block_terminal_signals
 
 
-class SessionWorker(Protocol):
+class SessionProcess(Protocol):
     """The process of a session, on any computer. ``pid``: its id there; ``None`` while it starts."""
 
     @property
@@ -27,22 +27,22 @@ class SessionWorker(Protocol):
 class Computer(Protocol):
     """A computer that runs sessions. ``capacity``: its capacity."""
 
-    capacity: Capacity
+    capacity: SessionCapacity
 
-    def start(self, request: SessionRequest) -> tuple[SessionWorker, Connection]:
+    def start_session(self, request: SessionRequest) -> tuple[SessionProcess, Connection]:
         """Start a session. Returns its process and the host's end of the pipe. The pipe ends with the process."""
         ...
 
 
-class ThisComputer:
+class LocalComputer:
     """The host's own computer. Each session is a child process of the host."""
 
     def __init__(self, run: Callable[[SessionRequest, Connection], None] = run_session) -> None:
         """``run``: the function that runs in a session's process."""
-        self.capacity, self._run = Capacity(), run
+        self.capacity, self._run = SessionCapacity(), run
         self._processes = _process_context()
 
-    def start(self, request: SessionRequest) -> tuple[SessionWorker, Connection]:
+    def start_session(self, request: SessionRequest) -> tuple[SessionProcess, Connection]:
         """Start the process of a session; see ``Computer``."""
         pipe, theirs = self._processes.Pipe()
         process = self._processes.Process(target=self._run, args=(request, theirs))

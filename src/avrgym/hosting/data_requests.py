@@ -7,30 +7,30 @@ creates the copy with ``avrgym study participant-data``, and removes names of ot
 from contextlib import suppress
 
 from avrgym.hosting.session_pool import SessionPool
-from avrgym.study.people.deletion import delete_participant
-from avrgym.study.storage.audit_log import add_log_entry, process_user
-from avrgym.study.storage.polling import PollingThread
-from avrgym.study.storage.rows import StudyEvent, pseudonym_of
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_rows
+from avrgym.study.people.participant_deletion import delete_participant
+from avrgym.study.storage.audit_log import add_log_entry, find_process_user
+from avrgym.study.storage.database_rows import StudyEvent, format_pseudonym
+from avrgym.study.storage.polling_thread import PollingThread
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore, find_rows
 
 DELETION_REQUESTED_EVENT = "deletion requested"
-COPY_REQUESTED_EVENT = "copy of data requested"
-INTERVAL_S = 30.0
+DATA_COPY_REQUESTED_EVENT = "copy of data requested"
+DELETION_CHECK_INTERVAL_S = 30.0
 
 
-def requested(store: Store, name: str) -> list[str]:
+def find_requesting_participants(store: StudyStore, name: str) -> list[str]:
     """Returns the pseudonyms of participants with a request. ``name``: name of the request's event."""
     with store.database.read_transaction() as connection:
         numbers = {each.participant for each in find_rows(connection, StudyEvent, name=name)}
-    return [pseudonym_of(number) for number in sorted(filter(None, numbers))]
+    return [format_pseudonym(number) for number in sorted(filter(None, numbers))]
 
 
 class DeletionThread(PollingThread):
     """Context manager: a thread that deletes data at the request of participants, while no session is running."""
 
-    def __init__(self, store: Store, pool: SessionPool) -> None:
-        super().__init__("requested deletions", INTERVAL_S)
+    def __init__(self, store: StudyStore, pool: SessionPool) -> None:
+        super().__init__("requested deletions", DELETION_CHECK_INTERVAL_S)
         self._store, self._pool = store, pool
         self._unfinished: set[str] = set()
 
@@ -38,9 +38,9 @@ class DeletionThread(PollingThread):
         """Delete all requested data. A failed deletion, for example in a locked database, is repeated later."""
         if self._pool.sessions:
             return
-        self._unfinished.update(requested(self._store, DELETION_REQUESTED_EVENT))
+        self._unfinished.update(find_requesting_participants(self._store, DELETION_REQUESTED_EVENT))
         for pseudonym in sorted(self._unfinished):
             with suppress(StudyError, OSError):
                 delete_participant(self._store, pseudonym)
-                add_log_entry(self._store, process_user(), "delete participant", pseudonym, "on request")
+                add_log_entry(self._store, find_process_user(), "delete participant", pseudonym, "on request")
                 self._unfinished.discard(pseudonym)

@@ -13,29 +13,34 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.staticfiles import StaticFiles
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
-from avrgym.hosting.data_requests import COPY_REQUESTED_EVENT, requested
+from avrgym.hosting.data_requests import DATA_COPY_REQUESTED_EVENT, find_requesting_participants
 from avrgym.hosting.host_state import HostState
 from avrgym.hosting.session_pages import add_session_pages
 from avrgym.hosting.session_pool import HostedSession, SessionPool
-from avrgym.study.dashboard.application import dashboard_app
+from avrgym.study.dashboard.application import make_dashboard_app
 from avrgym.study.dashboard.request_log import DashboardLog
-from avrgym.study.dashboard.tokens import StudyTokens
+from avrgym.study.dashboard.study_tokens import StudyTokens
 from avrgym.study.storage.free_text import MAX_LINE_LENGTH
-from avrgym.study.storage.remote_recordings import object_store_problem
+from avrgym.study.storage.remote_recordings import read_object_store_error
 from avrgym.study.storage.schema import PARTICIPANT_TABLE
-from avrgym.study.storage.states import PARTICIPANT_TRANSITIONS, StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import PARTICIPANT_TRANSITIONS, StudyError
+from avrgym.study.storage.store import StudyStore
 from avrgym.vr.headset_check import MAX_LATENCY_MS
-from avrgym.vr.protocol.messages import CommandName
+from avrgym.vr.protocol.messages import ExperimenterCommandName
 from avrgym.vr.server.authentication import AuthenticatedClient, SameOriginMiddleware
-from avrgym.vr.server.request_body import EmptyRequest, decode_json_body, json_response, make_error_handler
+from avrgym.vr.server.request_body import (
+    EmptyRequest,
+    decode_json_body,
+    make_error_handler,
+    make_json_response,
+)
 from avrgym.vr.server.web_server import STATIC_FOLDER, make_page_endpoint
 
-MAX_BODY_BYTES = 1 << 13
-COMMANDS: tuple[CommandName, ...] = ("stop", "pause", "continue", "end")
+MAX_REQUEST_BODY_BYTES = 1 << 13
+SESSION_COMMANDS: tuple[ExperimenterCommandName, ...] = ("stop", "pause", "continue", "end")
 
 
-class AdmissionRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class StudyOpeningRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to open or close the study for new participants and sessions."""
 
     is_open: bool
@@ -47,13 +52,13 @@ class MessageRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     text: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_LINE_LENGTH)]
 
 
-def experimenter_app(
-    store: Store, pool: SessionPool, state: HostState, tokens: StudyTokens, hosts: list[str]
+def make_experimenter_app(
+    store: StudyStore, pool: SessionPool, state: HostState, tokens: StudyTokens, hosts: list[str]
 ) -> FastAPI:
     """Returns the web application. ``hosts``: allowed host names of requests."""
 
     def experimenter(request: Request) -> AuthenticatedClient:
-        caller = tokens.client_of_request(request.headers)
+        caller = tokens.authenticate_request(request.headers)
         if caller is None or caller.role != "experimenter":
             raise HTTPException(401, "invalid token; open the experimenter's address, which the host printed")
         return caller
@@ -67,11 +72,11 @@ def experimenter_app(
 
     @app.get("/api/sessions")
     def read_sessions(caller: Annotated[AuthenticatedClient, Depends(experimenter)]) -> Response:
-        log.log_view(caller, "view sessions")
-        return json_response(sessions_view(store, pool, state))
+        log.log_page_view(caller, "view sessions")
+        return make_json_response(describe_sessions(store, pool, state))
 
     def logged(caller: AuthenticatedClient, session_id: str, name: str, act: Callable[[], None]) -> None:
-        session = pool.find(session_id)
+        session = pool.find_session(session_id)
         with log.log_command(caller, name, session.pseudonym if session else None):
             act()
 
@@ -79,36 +84,36 @@ def experimenter_app(
     async def change_door(
         request: Request, caller: Annotated[AuthenticatedClient, Depends(experimenter)]
     ) -> Response:
-        change = await decode_json_body(request, AdmissionRequest, MAX_BODY_BYTES)
+        change = await decode_json_body(request, StudyOpeningRequest, MAX_REQUEST_BODY_BYTES)
         name = "open door" if change.is_open else "close door"
-        await run_in_threadpool(logged, caller, "", name, lambda: state.set_open(change.is_open))
+        await run_in_threadpool(logged, caller, "", name, lambda: state.set_study_open(change.is_open))
         return Response(status_code=204)
 
     @app.post("/api/sessions/{session_id}/message")
     async def send_message(
         session_id: str, request: Request, caller: Annotated[AuthenticatedClient, Depends(experimenter)]
     ) -> Response:
-        message = await decode_json_body(request, MessageRequest, MAX_BODY_BYTES)
+        message = await decode_json_body(request, MessageRequest, MAX_REQUEST_BODY_BYTES)
         await run_in_threadpool(
-            logged, caller, session_id, "send message", lambda: pool.message(session_id, message.text)
+            logged, caller, session_id, "send message", lambda: pool.send_message(session_id, message.text)
         )
         return Response(status_code=204)
 
-    def endpoint(name: CommandName) -> Callable[..., Awaitable[Response]]:
+    def endpoint(name: ExperimenterCommandName) -> Callable[..., Awaitable[Response]]:
         async def command(
             session_id: str, request: Request, caller: Annotated[AuthenticatedClient, Depends(experimenter)]
         ) -> Response:
-            await decode_json_body(request, EmptyRequest, MAX_BODY_BYTES)
+            await decode_json_body(request, EmptyRequest, MAX_REQUEST_BODY_BYTES)
             await run_in_threadpool(
-                logged, caller, session_id, f"{name} session", lambda: pool.command(session_id, name)
+                logged, caller, session_id, f"{name} session", lambda: pool.send_command(session_id, name)
             )
             return Response(status_code=204)
 
         return command
 
-    for name in COMMANDS:
+    for name in SESSION_COMMANDS:
         app.post(f"/api/sessions/{{session_id}}/{name}")(endpoint(name))
-    app.mount("/study", dashboard_app(store, tokens))
+    app.mount("/study", make_dashboard_app(store, tokens))
     for path, file in (("/", "host.html"), ("/participants", "dashboard.html")):
         app.get(path)(make_page_endpoint(file))
     add_session_pages(app, pool, "spectator")
@@ -116,31 +121,31 @@ def experimenter_app(
     return app
 
 
-def sessions_view(store: Store, pool: SessionPool, state: HostState) -> dict[str, Any]:
+def describe_sessions(store: StudyStore, pool: SessionPool, state: HostState) -> dict[str, Any]:
     """Returns the state of the host and of all sessions, as JSON values for the experimenter's page."""
     numbers = _participants_by_state(store)
     return {
         "title": store.design.title,
-        "is_open": state.is_open,
-        "capacity": pool.capacity,
-        "session_cpu_share": pool.session_cpu_share,
-        "missed_share": pool.missed_share,
-        "waiting": pool.waiting,
+        "is_open": state.is_study_open,
+        "capacity": pool.max_concurrent_sessions,
+        "session_cpu_share": pool.session_cpu_load,
+        "missed_share": pool.missed_tick_fraction,
+        "waiting": pool.num_waiting_participants,
         "participants": {state: numbers[state] for state in PARTICIPANT_TRANSITIONS if state in numbers},
-        "problems": [problem] if (problem := object_store_problem(store)) else [],
-        "copies_requested": requested(store, COPY_REQUESTED_EVENT),
-        "sessions": [session_view(store, each) for each in pool.sessions],
+        "problems": [problem] if (problem := read_object_store_error(store)) else [],
+        "copies_requested": find_requesting_participants(store, DATA_COPY_REQUESTED_EVENT),
+        "sessions": [describe_session(store, each) for each in pool.sessions],
     }
 
 
-def _participants_by_state(store: Store) -> dict[str, int]:
+def _participants_by_state(store: StudyStore) -> dict[str, int]:
     state = PARTICIPANT_TABLE.c.state
     with store.database.read_transaction() as connection:
         found = connection.execute(sa.select(state, sa.func.count()).group_by(state))
         return {name: number for name, number in found}
 
 
-def session_view(store: Store, session: HostedSession) -> dict[str, Any]:
+def describe_session(store: StudyStore, session: HostedSession) -> dict[str, Any]:
     """Returns the state of one session with warnings, as JSON values."""
     report = session.report
     return {
@@ -151,21 +156,21 @@ def session_view(store: Store, session: HostedSession) -> dict[str, Any]:
         "trial": report.trial,
         "trials": report.trials,
         "connected": report.is_connected,
-        "paused": report.paused,
-        "minutes": report.seconds / 60.0,
+        "paused": report.is_paused,
+        "minutes": report.elapsed_s / 60.0,
         "latency_ms": report.latency_ms,
-        "untracked_share": report.untracked_share,
+        "untracked_share": report.untracked_fraction,
         "missed_ticks": report.missed_ticks,
-        "cpu_share": report.cpu_share,
+        "cpu_share": report.cpu_load,
         "crashes": session.crashes,
-        "warnings": session_warnings(session, store.design.max_held_share),
+        "warnings": find_session_warnings(session, store.design.max_held_share),
     }
 
 
-def session_warnings(session: HostedSession, max_held_share: float) -> list[str]:
+def find_session_warnings(session: HostedSession, max_held_share: float) -> list[str]:
     """Returns the warnings about a session: errors, crashes, lost connection, high latency and tracking loss."""
     report = session.report
-    found = [report.problem] if report.problem else []
+    found = [report.latest_error] if report.latest_error else []
     if session.crashes:
         found.append(f"the process was replaced {session.crashes} times")
     if session.state == "running" and not report.is_connected:
@@ -174,6 +179,6 @@ def session_warnings(session: HostedSession, max_held_share: float) -> list[str]
         found.append(
             f"the latency is {report.latency_ms:.0f} ms; at most {MAX_LATENCY_MS:.0f} ms are allowed"
         )
-    if report.untracked_share > max_held_share:
-        found.append(f"tracking was lost for {100.0 * report.untracked_share:.0f} % of the trials")
+    if report.untracked_fraction > max_held_share:
+        found.append(f"tracking was lost for {100.0 * report.untracked_fraction:.0f} % of the trials")
     return found

@@ -9,9 +9,14 @@ import threading
 import time
 from collections.abc import Callable
 
-from avrgym.vr.server.session_links import CodeError, TooManyWrongCodesError, WrongCodeLimit, random_digits
+from avrgym.vr.server.session_links import (
+    CodeError,
+    TooManyWrongCodesError,
+    WrongCodeLimit,
+    generate_random_digits,
+)
 
-CODE_DIGITS = 8
+NUM_CODE_DIGITS = 8
 CODE_VALIDITY_S = 300.0
 MAX_WRONG_CODES_PER_MINUTE = 60
 
@@ -25,7 +30,7 @@ class HeadsetCodes:
         self._wrong_codes = WrongCodeLimit(MAX_WRONG_CODES_PER_MINUTE, 60.0)
         self._lock = threading.Lock()
 
-    def new(self, token: str) -> str:
+    def create_code(self, token: str) -> str:
         """Returns a new code for a token. Earlier codes of this token become invalid."""
         with self._lock:
             now_s = self._clock()
@@ -34,13 +39,13 @@ class HeadsetCodes:
                 for code, (other, until_s) in self._codes.items()
                 if until_s > now_s and other != token
             }
-            code = random_digits(CODE_DIGITS)
+            code = generate_random_digits(NUM_CODE_DIGITS)
             while code in self._codes:
-                code = random_digits(CODE_DIGITS)
+                code = generate_random_digits(NUM_CODE_DIGITS)
             self._codes[code] = token, now_s + CODE_VALIDITY_S
             return code
 
-    def exchange(self, digits: str) -> str:
+    def exchange_code(self, digits: str) -> str:
         """Returns the token of a code. The code cannot be used again.
 
         Raises:
@@ -54,5 +59,5 @@ class HeadsetCodes:
             token, until_s = self._codes.pop(digits, ("", 0.0))
             if token and until_s > now_s:
                 return token
-            self._wrong_codes.count(now_s)
+            self._wrong_codes.count_wrong_code(now_s)
         raise CodeError("this code is wrong, used or expired; your page shows the current one")

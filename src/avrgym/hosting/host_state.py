@@ -12,7 +12,7 @@ import msgspec
 from avrgym.study.storage.identity_file import IDENTITY_FOLDER as PRIVATE
 from avrgym.system.files import PRIVATE_FILE_MODE, make_private_folder, write_atomically
 
-FILE = "host.json"
+HOST_STATE_FILE = "host.json"
 
 
 class RunningSession(msgspec.Struct, frozen=True):
@@ -40,7 +40,7 @@ class HostState:
         Raises:
             ValueError: for a damaged file.
         """
-        self._path = folder / PRIVATE / FILE
+        self._path = folder / PRIVATE / HOST_STATE_FILE
         self._lock = threading.Lock()
         try:
             data = self._path.read_bytes() if self._path.exists() else b"{}"
@@ -51,12 +51,12 @@ class HostState:
             ) from None
 
     @property
-    def is_open(self) -> bool:
+    def is_study_open(self) -> bool:
         """Whether the study accepts new participants and starts sessions."""
         return self._stored.is_open
 
     @property
-    def waiting(self) -> tuple[str, ...]:
+    def waiting_pseudonyms(self) -> tuple[str, ...]:
         """Pseudonyms of the waiting participants, in order of arrival."""
         return self._stored.waiting
 
@@ -65,11 +65,11 @@ class HostState:
         """The sessions that were running when the state was last stored."""
         return self._stored.sessions
 
-    def set_open(self, is_open: bool) -> None:
+    def set_study_open(self, is_open: bool) -> None:
         """Open or close the study. Raises ``OSError`` if the file cannot be written; nothing is changed then."""
         self._store(is_open=is_open)
 
-    def set_sessions(self, waiting: tuple[str, ...], sessions: tuple[RunningSession, ...]) -> None:
+    def store_sessions(self, waiting: tuple[str, ...], sessions: tuple[RunningSession, ...]) -> None:
         """Store the waiting list and the running sessions. Raises ``OSError`` if they cannot be stored."""
         self._store(waiting=waiting, sessions=sessions)
 

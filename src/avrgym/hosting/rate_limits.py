@@ -34,7 +34,7 @@ class RateLimits:
             return allowed
 
 
-def client_address(scope: Scope, proxies: Iterable[str]) -> str:
+def find_client_address(scope: Scope, proxies: Iterable[str]) -> str:
     """Returns the client's address of a request.
 
     If the connection comes from a reverse proxy in ``proxies``, the header ``X-Forwarded-For`` is used. The result is

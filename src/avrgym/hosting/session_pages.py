@@ -9,7 +9,7 @@ from fastapi.responses import FileResponse
 from avrgym.hosting.session_pool import SessionPool
 from avrgym.vr.server.web_server import STATIC_FOLDER, make_page_endpoint
 
-PAGE = "index.html"
+SESSION_PAGE = "index.html"
 SESSION_RESPONSE_TIMEOUT_S = 30.0
 
 
@@ -20,13 +20,13 @@ def add_session_pages(app: FastAPI, pool: SessionPool, path: str = "") -> None:
     """
 
     def address_of(session_id: str) -> tuple[str, int]:
-        session = pool.find(session_id)
-        if session is None or session.address is None:
+        session = pool.find_session(session_id)
+        if session is None or session.server_address is None:
             raise HTTPException(404, "this session is not running; open the study's page to start a session")
-        return session.address
+        return session.server_address
 
     app.get(f"/session/{{session_id}}/{path}")(
-        make_page_endpoint(PAGE)
+        make_page_endpoint(SESSION_PAGE)
     )  # the page also explains that a session has ended
 
     @app.get("/session/{session_id}/assets/{name}")

@@ -14,24 +14,32 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from avrgym.hosting.capacity import IdleCoreMonitor
-from avrgym.study.dashboard.tokens import StudyTokens
+from avrgym.study.dashboard.study_tokens import StudyTokens
 from avrgym.study.people.experimenters import ExperimenterTokens
-from avrgym.study.sessions.serving import StudySessions
-from avrgym.study.sessions.threads import StorageThread
+from avrgym.study.sessions.session_threads import StorageThread
+from avrgym.study.sessions.study_sessions import StudySessions
+from avrgym.study.storage.database_rows import parse_participant_number
 from avrgym.study.storage.identity_file import IDENTITY_FOLDER as PRIVATE
-from avrgym.study.storage.remote_recordings import object_store_problem
-from avrgym.study.storage.rows import participant_number
+from avrgym.study.storage.remote_recordings import read_object_store_error
 from avrgym.study.storage.sessions import record_session_event
-from avrgym.study.storage.store import Store
-from avrgym.system.locks import lock_number
-from avrgym.vr.protocol.messages import Command, CommandName, Message, Phase, Problem, Status, Timing
+from avrgym.study.storage.store import StudyStore
+from avrgym.system.locks import lock_number_in_file
+from avrgym.vr.protocol.messages import (
+    ExperimenterCommand,
+    ExperimenterCommandName,
+    Message,
+    PhaseDescription,
+    Problem,
+    SessionStatus,
+    TickTiming,
+)
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.server.session_links import SessionLinks
 from avrgym.vr.server.sound_files import SOUNDS_FOLDER
 
 REPORT_INTERVAL_S = 1.0
 POLL_INTERVAL_S = 0.1
-LOCK_FILE = "sessions.lock"
+SESSION_LOCK_FILE = "sessions.lock"
 """File in the study's private folder. The process of a session locks its participant's number in it."""
 EARLIER_PROCESS_TIMEOUT_S = 60.0
 """Maximum time in seconds to wait for the end of an earlier process of the same session after a crash of the host."""
@@ -39,51 +47,52 @@ EARLIER_PROCESS_TIMEOUT_S = 60.0
 
 @dataclass(frozen=True)
 class SessionRequest:
-    """Request to run a session. ``link``: the token of the participant's page.
+    """Request to run a session. ``link_token``: the token of the participant's page.
 
-    ``folder``: the study's folder. ``headset_check``: start with a headset check. ``address``: address to listen on.
-    ``is_temporary``: the folder is a temporary copy, see ``Store``.
+    ``study_folder``: the study's folder. ``headset_check``: start with a headset check. ``listen_address``: address
+    to listen on. ``is_temporary``: the folder is a temporary copy, see ``StudyStore``.
     """
 
-    folder: Path
+    study_folder: Path
     pseudonym: str
-    link: str
+    link_token: str
     headset_check: bool = True
-    address: str = "127.0.0.1"
+    listen_address: str = "127.0.0.1"
     is_temporary: bool = False
 
 
 @dataclass(frozen=True)
-class Report:
+class SessionReport:
     """The state of a running session.
 
-    ``port`` and ``host``: port and address of the session's server. ``trial`` and ``trials``: number of the current
-    trial, and number of all trials. ``seconds``: time since the start. ``cpu_share``: load in the last second, as a
-    share of one core. ``missed_ticks``: number of missed ticks since the start. ``tick_ms``: median duration of a tick.
-    ``latency_ms``: median latency from tracking to display, if known. ``untracked_share``: share of the time in trials
-    without tracking of a required body part. ``problem``: latest error message to the experimenter. ``idle_cores``:
-    number of idle cores of the computer, if known.
+    ``server_port`` and ``server_host``: port and address of the session's server. ``trial`` and ``trials``: number of
+    the current trial, and number of all trials. ``elapsed_s``: time since the start. ``cpu_load``: load in the last
+    second, as a share of one core. ``missed_ticks``: number of missed ticks since the start. ``median_tick_ms``:
+    median duration of a tick. ``latency_ms``: median latency from tracking to display, if known.
+    ``untracked_fraction``: share of the time in trials without tracking of a required body part. ``latest_error``:
+    latest error message to the experimenter.
+    ``idle_cores``: number of idle cores of the computer, if known.
     """
 
-    port: int
+    server_port: int
     phase: str = "starting"
     trial: int = 0
     trials: int = 0
     is_connected: bool = False
-    paused: bool = False
-    seconds: float = 0.0
-    cpu_share: float = 0.0
+    is_paused: bool = False
+    elapsed_s: float = 0.0
+    cpu_load: float = 0.0
     missed_ticks: int = 0
-    tick_ms: float = 0.0
+    median_tick_ms: float = 0.0
     latency_ms: float | None = None
-    untracked_share: float = 0.0
-    problem: str = ""
-    host: str = "127.0.0.1"
+    untracked_fraction: float = 0.0
+    latest_error: str = ""
+    server_host: str = "127.0.0.1"
     idle_cores: float | None = None
 
 
 @dataclass(frozen=True)
-class Ended:
+class SessionEnded:
     """Message to the host: the session has ended, and its end is stored."""
 
 
@@ -91,7 +100,7 @@ class Ended:
 class SessionCommand:
     """Message to the session: a command of an experimenter or of the host."""
 
-    name: CommandName
+    name: ExperimenterCommandName
 
 
 @dataclass(frozen=True)
@@ -102,18 +111,18 @@ class MessageToParticipant:
 
 
 MessageFromHost = SessionCommand | MessageToParticipant
-MessageFromSession = Report | Ended | str
+MessageFromSession = SessionReport | SessionEnded | str
 """Messages to the host. A text is the error that prevented the start of the session."""
 
 
 class ReportCollector:
-    """Collects the state of a session from its messages to clients. ``latest``: the latest state."""
+    """Collects the state of a session from its messages to clients. ``latest_report``: the latest state."""
 
     def __init__(self) -> None:
-        self.latest = Report(0)
+        self.latest_report = SessionReport(0)
         self._statuses = self._untracked = 0
 
-    def wrap(self, send: Callable[[Message], None]) -> Callable[[Message], None]:
+    def wrap_send_function(self, send: Callable[[Message], None]) -> Callable[[Message], None]:
         """Returns a function that collects the contents of a message, then calls ``send`` with it."""
 
         def observed(message: Message) -> None:
@@ -124,28 +133,32 @@ class ReportCollector:
 
     def _collect(self, message: Message) -> None:
         match message:
-            case Phase():
-                self.latest = replace(
-                    self.latest, phase=message.name, trial=message.trial, trials=message.trials
+            case PhaseDescription():
+                self.latest_report = replace(
+                    self.latest_report, phase=message.name, trial=message.trial, trials=message.trials
                 )
-            case Timing():
-                self.latest = replace(
-                    self.latest, missed_ticks=message.missed_ticks, tick_ms=message.tick_ms_median
+            case TickTiming():
+                self.latest_report = replace(
+                    self.latest_report,
+                    missed_ticks=message.missed_ticks,
+                    median_tick_ms=message.tick_ms_median,
                 )
-            case Status():
+            case SessionStatus():
                 self._collect_status(message)
             case Problem(role="experimenter"):
-                self.latest = replace(self.latest, problem=message.message)
+                self.latest_report = replace(self.latest_report, latest_error=message.message)
             case _:
                 pass
 
-    def _collect_status(self, status: Status) -> None:
+    def _collect_status(self, status: SessionStatus) -> None:
         if status.phase == "trial":
             self._statuses += 1
             self._untracked += any(part in status.needed_parts for part in status.untracked_parts)
         total = next((each.p50 for each in status.latency if each.stage == "total_ms"), None)
         share = self._untracked / self._statuses if self._statuses else 0.0
-        self.latest = replace(self.latest, paused=status.paused, latency_ms=total, untracked_share=share)
+        self.latest_report = replace(
+            self.latest_report, is_paused=status.paused, latency_ms=total, untracked_fraction=share
+        )
 
 
 def run_session(request: SessionRequest, pipe: Connection) -> None:
@@ -155,32 +168,34 @@ def run_session(request: SessionRequest, pipe: Connection) -> None:
     collector, links = ReportCollector(), SessionLinks()
     try:
         with (
-            lock_number(
-                request.folder / PRIVATE / LOCK_FILE,
-                participant_number(request.pseudonym),
+            lock_number_in_file(
+                request.study_folder / PRIVATE / SESSION_LOCK_FILE,
+                parse_participant_number(request.pseudonym),
                 EARLIER_PROCESS_TIMEOUT_S,
             ),
-            Store(request.folder, temporary=request.is_temporary) as store,
+            StudyStore(request.study_folder, temporary=request.is_temporary) as store,
             ThreadPoolExecutor(1) as workers,
             StorageThread() as storing,
             ExperimenterTokens(store) as experimenters,
             LiveServer(
                 lambda send: StudySessions(
                     store,
-                    collector.wrap(send),
+                    collector.wrap_send_function(send),
                     workers,
                     first=request.pseudonym,
-                    first_link=request.link,
+                    first_link=request.link_token,
                     take_over=True,  # the lock was free: no other process of the host runs this session
                     storing=storing,
                     headset_check=request.headset_check,
                     links=links,
                 ),
-                request.address,
+                request.listen_address,
                 0,
                 behind_proxy=True,  # the host's tunnel
-                tokens=StudyTokens.of_study(request.folder / PRIVATE / "tokens.json", experimenters, links),
-                sounds=request.folder / SOUNDS_FOLDER,
+                tokens=StudyTokens.load_for_study(
+                    request.study_folder / PRIVATE / "tokens.json", experimenters, links
+                ),
+                sounds=request.study_folder / SOUNDS_FOLDER,
                 links=links,
             ) as server,
         ):
@@ -193,7 +208,7 @@ def run_session(request: SessionRequest, pipe: Connection) -> None:
 
 def _watch(
     server: LiveServer[StudySessions],
-    store: Store,
+    store: StudyStore,
     collector: ReportCollector,
     pipe: Connection,
     storing: Executor,
@@ -202,8 +217,8 @@ def _watch(
     began_s = reported_s = time.monotonic()
     used_s = time.process_time()
     idle_cores = IdleCoreMonitor()
-    pipe.send(replace(collector.latest, port=server.port, host=server.host))
-    session_id = store.sessions(server.session.participant or "")[-1].id
+    pipe.send(replace(collector.latest_report, server_port=server.port, server_host=server.host))
+    session_id = store.read_sessions(server.session.running_participant or "")[-1].id
     while server.loop.error is None:
         if pipe.poll(POLL_INTERVAL_S):
             try:
@@ -215,22 +230,22 @@ def _watch(
                 server,
                 lambda name, detail: storing.submit(record_session_event, store, session_id, name, detail),
             )
-        if server.session.participant is None:
-            pipe.send(Ended())
+        if server.session.running_participant is None:
+            pipe.send(SessionEnded())
             return
         now_s = time.monotonic()
         if now_s - reported_s >= REPORT_INTERVAL_S:
             before_s, used_s = used_s, time.process_time()
             pipe.send(
                 replace(
-                    collector.latest,
-                    port=server.port,
-                    host=server.host,
+                    collector.latest_report,
+                    server_port=server.port,
+                    server_host=server.host,
                     idle_cores=idle_cores.measure(),
-                    problem=collector.latest.problem or object_store_problem(store),
+                    latest_error=collector.latest_report.latest_error or read_object_store_error(store),
                     is_connected=server.has_participant,
-                    seconds=now_s - began_s,
-                    cpu_share=(used_s - before_s) / (now_s - reported_s),
+                    elapsed_s=now_s - began_s,
+                    cpu_load=(used_s - before_s) / (now_s - reported_s),
                 )
             )
             reported_s = now_s
@@ -241,7 +256,7 @@ def _execute(
 ) -> None:
     match command:
         case SessionCommand():
-            server.loop.post(Command(name=command.name))
+            server.loop.post(ExperimenterCommand(name=command.name))
         case MessageToParticipant():
             server.send(Problem(command.text, "participant"))
             record("message to participant", command.text)

@@ -6,26 +6,26 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from avrgym.study.design.validation import StructByKeyPath, ValidationError, parse_toml, read_text
+from avrgym.study.design.toml_validation import StructByKeyPath, ValidationError, parse_toml, read_text
 from avrgym.study.plan.hosted_assessment import HOST_SETTINGS_FILE
 
-Line = Annotated[str, msgspec.Meta(max_length=500)]
+SingleLineText = Annotated[str, msgspec.Meta(max_length=500)]
 Minutes = Annotated[float, msgspec.Meta(gt=0, le=480)]
 
 
-class Ending(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class FinalPage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Last page of a participant: completion code, and address to which the page redirects. Both may be empty."""
 
-    code: Line = ""
-    redirect: Line = ""
+    code: SingleLineText = ""
+    redirect: SingleLineText = ""
 
 
-class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class RecruitmentLinkParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Names of the link parameters with ids of a recruitment service. Default: the names of Prolific."""
 
-    participant: Line = "PROLIFIC_PID"
-    study: Line = "STUDY_ID"
-    session: Line = "SESSION_ID"
+    participant: SingleLineText = "PROLIFIC_PID"
+    study: SingleLineText = "STUDY_ID"
+    session: SingleLineText = "SESSION_ID"
 
 
 class HostSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -39,14 +39,17 @@ class HostSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     session_minutes: Minutes = 90.0
     absence_minutes: Minutes = 10.0
     headset_check: bool = True
-    completed: Ending = Ending()
-    screened_out: Ending = Ending()
-    withdrawn: Ending = Ending()
-    parameters: Parameters = Parameters()
+    completed: FinalPage = FinalPage()
+    screened_out: FinalPage = FinalPage()
+    withdrawn: FinalPage = FinalPage()
+    parameters: RecruitmentLinkParameters = RecruitmentLinkParameters()
 
 
-ENDINGS = ("completed", "screened_out", "withdrawn")
-_TABLES: StructByKeyPath = {**{(name,): Ending for name in ENDINGS}, ("parameters",): Parameters}
+FINAL_PAGE_NAMES = ("completed", "screened_out", "withdrawn")
+_TABLES: StructByKeyPath = {
+    **{(name,): FinalPage for name in FINAL_PAGE_NAMES},
+    ("parameters",): RecruitmentLinkParameters,
+}
 
 
 def read_host_settings(folder: Path) -> HostSettings:
@@ -62,7 +65,7 @@ def read_host_settings(folder: Path) -> HostSettings:
 
 
 def _check(settings: HostSettings) -> None:
-    for name in ENDINGS:
+    for name in FINAL_PAGE_NAMES:
         redirect: str = getattr(settings, name).redirect
         if redirect and urlsplit(redirect).scheme != "https":
             raise ValidationError(

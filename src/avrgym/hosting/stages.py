@@ -6,16 +6,20 @@ from typing import Any
 import msgspec
 
 from avrgym.hosting.session_pool import SessionPool
-from avrgym.hosting.settings import Ending, HostSettings
-from avrgym.study.people.participants import consent_text, participant_texts
-from avrgym.study.sessions.visit import has_unfinished_trials
-from avrgym.study.storage.rows import Participant, StudyEvent
+from avrgym.hosting.settings import FinalPage, HostSettings
+from avrgym.study.people.participants import read_consent_text, read_participant_texts
+from avrgym.study.sessions.study_visit import has_unfinished_trials
+from avrgym.study.storage.database_rows import Participant, StudyEvent
 from avrgym.study.storage.sessions import close_session, open_session
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_participant, find_rows, record_event
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore, find_participant, find_rows, record_event
 
 SAFETY_CONFIRMED_EVENT = "safety confirmed"
-ENDINGS: Mapping[str, str] = {"excluded": "screened_out", "withdrawn": "withdrawn", "completed": "completed"}
+FINAL_PAGE_BY_STATE: Mapping[str, str] = {
+    "excluded": "screened_out",
+    "withdrawn": "withdrawn",
+    "completed": "completed",
+}
 """Last page (a field of ``HostSettings``) by final state of a participant."""
 
 
@@ -38,7 +42,7 @@ class SafetyStage(msgspec.Struct, frozen=True, tag="safety"):
     """The participant prepares chair and room, and confirms this."""
 
 
-class ReadyStage(msgspec.Struct, frozen=True, tag="ready"):
+class ReadyForSessionStage(msgspec.Struct, frozen=True, tag="ready"):
     """The participant can start a session. ``minutes``: expected duration. ``trials``: number of remaining trials.
 
     ``is_open``: whether the experimenter permits new sessions. ``problem``: error of the latest session, if any.
@@ -64,10 +68,10 @@ class SessionStage(msgspec.Struct, frozen=True, tag="session"):
     token: str
 
 
-class EndedStage(msgspec.Struct, frozen=True, tag="ended"):
+class FinalStage(msgspec.Struct, frozen=True, tag="ended"):
     """The study has ended for this participant. ``ending``: ``completed``, ``screened_out`` or ``withdrawn``.
 
-    ``code`` and ``redirect``: see ``Ending``.
+    ``code`` and ``redirect``: see ``FinalPage``.
     """
 
     ending: str
@@ -75,27 +79,35 @@ class EndedStage(msgspec.Struct, frozen=True, tag="ended"):
     redirect: str
 
 
-Stage = ConsentStage | InclusionStage | SafetyStage | ReadyStage | WaitingStage | SessionStage | EndedStage
+Stage = (
+    ConsentStage
+    | InclusionStage
+    | SafetyStage
+    | ReadyForSessionStage
+    | WaitingStage
+    | SessionStage
+    | FinalStage
+)
 
 
-def stage_of(
-    store: Store, settings: HostSettings, pool: SessionPool, pseudonym: str, *, is_open: bool
+def find_stage(
+    store: StudyStore, settings: HostSettings, pool: SessionPool, pseudonym: str, *, is_open: bool
 ) -> Stage:
     """Returns the stage of a participant. ``is_open``: whether the experimenter permits new sessions.
 
     Raises:
         StudyError: if the participant's state is unknown after a loss of the database.
     """
-    participant = store.participant(pseudonym)
-    ending = ENDINGS.get(participant.state)
-    if ending is not None and not (ending == "completed" and pool.session_of(pseudonym)):
-        given: Ending = getattr(settings, ending)
-        return EndedStage(ending, given.code, given.redirect)
+    participant = store.read_participant(pseudonym)
+    ending = FINAL_PAGE_BY_STATE.get(participant.state)
+    if ending is not None and not (ending == "completed" and pool.find_participant_session(pseudonym)):
+        given: FinalPage = getattr(settings, ending)
+        return FinalStage(ending, given.code, given.redirect)
     if participant.state == "enrolled" or participant.must_reconsent(store.design.consent.version):
-        shown = consent_text(store, participant)
+        shown = read_consent_text(store, participant)
         return ConsentStage(shown.version, shown.language, shown.text, shown.sha256)
     if participant.state == "consented":
-        texts = participant_texts(store, participant)
+        texts = read_participant_texts(store, participant)
         asked = store.design.inclusion
         return InclusionStage(tuple((each.id, texts.translate(each.text)) for each in asked))
     if participant.state not in ("allocated", "completed"):
@@ -106,40 +118,43 @@ def stage_of(
 
 
 def _session_stage(
-    store: Store, settings: HostSettings, pool: SessionPool, pseudonym: str, *, is_open: bool
+    store: StudyStore, settings: HostSettings, pool: SessionPool, pseudonym: str, *, is_open: bool
 ) -> Stage:
-    session = pool.session_of(pseudonym)
+    session = pool.find_participant_session(pseudonym)
     if session is not None:
-        return SessionStage(f"session/{session.id}/", session.link)
-    place = pool.place(pseudonym)
+        return SessionStage(f"session/{session.id}/", session.link_token)
+    place = pool.find_waiting_list_place(pseudonym)
     if place is not None:
-        return WaitingStage(place.position, minutes_rounded_up(place.wait_s))
+        return WaitingStage(place.num_participants_ahead, round_up_to_minutes(place.estimated_wait_s))
     if _is_finished(store, pool, pseudonym):
         if (
-            store.participant(pseudonym).state == "allocated"
+            store.read_participant(pseudonym).state == "allocated"
         ):  # the session may have ended since the first query
             close_session(store, open_session(store, pseudonym).id)  # the participant is completed then
-        return stage_of(store, settings, pool, pseudonym, is_open=is_open)
-    remaining = len(store.remaining_trials(pseudonym))
-    return ReadyStage(
-        minutes_rounded_up(pool.session_s), remaining, is_open, pool.session_error_of(pseudonym)
+        return find_stage(store, settings, pool, pseudonym, is_open=is_open)
+    remaining = len(store.read_remaining_trials(pseudonym))
+    return ReadyForSessionStage(
+        round_up_to_minutes(pool.estimated_session_duration_s),
+        remaining,
+        is_open,
+        pool.find_session_error(pseudonym),
     )
 
 
-def _is_finished(store: Store, pool: SessionPool, pseudonym: str) -> bool:
+def _is_finished(store: StudyStore, pool: SessionPool, pseudonym: str) -> bool:
     """Returns whether no trial or question remains, even after a crash of the session's last process."""
-    has_questions = bool(store.design.items_at_moment("after_session")) and not pool.session_error_of(
+    has_questions = bool(store.design.list_items_at_moment("after_session")) and not pool.find_session_error(
         pseudonym
     )
     return not has_questions and not has_unfinished_trials(store, pseudonym)
 
 
-def minutes_rounded_up(seconds: float) -> int:
+def round_up_to_minutes(seconds: float) -> int:
     """Returns a duration in whole minutes, rounded up."""
     return -int(-seconds // 60.0)
 
 
-def has_confirmed_safety(store: Store, participant: Participant) -> bool:
+def has_confirmed_safety(store: StudyStore, participant: Participant) -> bool:
     """Returns whether the participant has confirmed that chair and room are prepared."""
     with store.database.read_transaction() as connection:
         return bool(
@@ -147,13 +162,13 @@ def has_confirmed_safety(store: Store, participant: Participant) -> bool:
         )
 
 
-def record_participant_event(store: Store, pseudonym: str, name: str, detail: str = "") -> None:
+def record_participant_event(store: StudyStore, pseudonym: str, name: str, detail: str = "") -> None:
     """Store an event of a participant outside a session, such as a confirmed preparation of the room."""
     with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
         record_event(connection, name, detail, {"participant": participant.number})
 
 
-def to_json(stage: Stage) -> dict[str, Any]:
+def encode_stage(stage: Stage) -> dict[str, Any]:
     """Returns the stage as JSON values. The value ``type`` is the name of the stage."""
     return msgspec.to_builtins(stage)

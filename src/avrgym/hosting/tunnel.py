@@ -19,7 +19,7 @@ from avrgym.vr.protocol.messages import Role
 from avrgym.vr.server.connection_limits import ConnectionLimiter
 from avrgym.vr.server.http_protocols import WebSocketProtocol
 
-PATH = re.compile(rb"GET /session/([0-9a-f]{24})/(ws|watch) HTTP/1\.1")
+TUNNEL_REQUEST_PATTERN = re.compile(rb"GET /session/([0-9a-f]{24})/(ws|watch) HTTP/1\.1")
 FORWARDED_HEADERS = (
     b"upgrade",
     b"connection",
@@ -39,26 +39,27 @@ MAX_TUNNELS_PER_SESSION = 8
 class TunnelRules:
     """The rules of one web server.
 
-    ``channels``: the last parts of allowed paths. ``origins``: allowed origins of pages; requests without an origin
-    are allowed. ``hosts``: allowed host headers. ``role``: role of all clients, for the connection limits.
+    ``channels``: the last parts of allowed paths. ``allowed_origins``: allowed origins of pages; requests without an
+    origin are allowed. ``allowed_hosts``: allowed host headers. ``client_role``: role of all clients, for the
+    connection limits.
     """
 
     pool: SessionPool
     limiter: ConnectionLimiter
     channels: tuple[str, ...]
-    origins: frozenset[str]
-    hosts: frozenset[str]
-    role: Role
+    allowed_origins: frozenset[str]
+    allowed_hosts: frozenset[str]
+    client_role: Role
 
 
-class Tunnels:
+class TunnelFactory:
     """Creates the protocols of connections that request a WebSocket, and counts the tunnels of each session."""
 
     def __init__(self, rules: TunnelRules) -> None:
         self.rules = rules
         self._open: dict[str, int] = {}
 
-    def protocol(self, config: Any, server_state: Any, app_state: Any, **_: Any) -> asyncio.Protocol:
+    def make_protocol(self, config: Any, server_state: Any, app_state: Any, **_: Any) -> asyncio.Protocol:
         """Returns the protocol of a new connection. Uvicorn calls this method."""
         return _Upgrade(
             self,
@@ -66,31 +67,35 @@ class Tunnels:
             lambda: WebSocketProtocol(config=config, server_state=server_state, app_state=app_state),
         )
 
-    def begin(self, session_id: str) -> bool:
+    def open_tunnel(self, session_id: str) -> bool:
         """Count a new tunnel of a session. Returns false if the session has too many tunnels."""
         if self._open.get(session_id, 0) >= MAX_TUNNELS_PER_SESSION:
             return False
         self._open[session_id] = self._open.get(session_id, 0) + 1
         return True
 
-    def end(self, session_id: str) -> None:
+    def close_tunnel(self, session_id: str) -> None:
         """Reduce the number of open tunnels of a session by one."""
         self._open[session_id] -= 1
         if not self._open[session_id]:
             del self._open[session_id]
 
-    def target(self, request: bytes) -> tuple[str, str] | None:
+    def parse_target(self, request: bytes) -> tuple[str, str] | None:
         """Returns session id and channel of a valid request; ``None`` for an invalid request."""
         line, *fields = request.split(b"\r\n")
-        match = PATH.fullmatch(line)
+        match = TUNNEL_REQUEST_PATTERN.fullmatch(line)
         if match is None:
             return None
         found = parse_headers(fields)
         host, origin = found.get(b"host", b"").decode("latin-1"), found.get(b"origin", b"").decode("latin-1")
         channel = match[2].decode()
-        valid = host in self.rules.hosts and (not origin or origin in self.rules.origins)
+        valid = host in self.rules.allowed_hosts and (not origin or origin in self.rules.allowed_origins)
         session_id = match[1].decode()
-        if not valid or channel not in self.rules.channels or self.rules.pool.find(session_id) is None:
+        if (
+            not valid
+            or channel not in self.rules.channels
+            or self.rules.pool.find_session(session_id) is None
+        ):
             return None
         return session_id, channel
 
@@ -105,7 +110,7 @@ class _Upgrade(asyncio.Protocol):
     """A connection that requests a WebSocket: a tunnel, or the web application's protocol for invalid requests."""
 
     def __init__(
-        self, tunnels: Tunnels, connections: set[Any], make_other: Callable[[], asyncio.Protocol]
+        self, tunnels: TunnelFactory, connections: set[Any], make_other: Callable[[], asyncio.Protocol]
     ) -> None:
         self._tunnels, self._connections, self._make_other = tunnels, connections, make_other
         self._chosen: asyncio.Protocol | None = None
@@ -115,8 +120,8 @@ class _Upgrade(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         if self._chosen is None:
-            target = self._tunnels.target(data)
-            if target is not None and self._tunnels.begin(target[0]):
+            target = self._tunnels.parse_target(data)
+            if target is not None and self._tunnels.open_tunnel(target[0]):
                 self._chosen = _Tunnel(self._tunnels, self._connections, *target)
             else:
                 self._chosen = self._make_other()
@@ -142,7 +147,7 @@ class _Upgrade(asyncio.Protocol):
 class _Tunnel(asyncio.Protocol):
     """The browser's side of a tunnel. ``connections``: open connections, which the server closes when it stops."""
 
-    def __init__(self, tunnels: Tunnels, connections: set[Any], session_id: str, channel: str) -> None:
+    def __init__(self, tunnels: TunnelFactory, connections: set[Any], session_id: str, channel: str) -> None:
         self._tunnels, self._connections = tunnels, connections
         self._id, self._channel = session_id, channel
         self._other: _SessionSide | None = None
@@ -155,7 +160,7 @@ class _Tunnel(asyncio.Protocol):
         self._connections.add(self)
         host, port = self.transport.get_extra_info("peername")[:2]
         rules = self._tunnels.rules
-        rules.limiter.keep_open({"type": "websocket", "client": (host, port)}, rules.role)
+        rules.limiter.mark_in_use({"type": "websocket", "client": (host, port)}, rules.client_role)
 
     def data_received(self, data: bytes) -> None:
         if self._connecting is None:
@@ -168,7 +173,7 @@ class _Tunnel(asyncio.Protocol):
             self._other.transport.write(data)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self._tunnels.end(self._id)
+        self._tunnels.close_tunnel(self._id)
         self._connections.discard(self)
         if self._connecting is not None:
             self._connecting.cancel()
@@ -210,11 +215,11 @@ class _Tunnel(asyncio.Protocol):
     async def _address(self) -> tuple[str, int] | None:
         """Wait for the session's process. Returns address and port of its server; ``None`` if it has ended."""
         for _ in range(int(SESSION_START_TIMEOUT_S / START_POLL_INTERVAL_S)):
-            session = self._tunnels.rules.pool.find(self._id)
+            session = self._tunnels.rules.pool.find_session(self._id)
             if session is None:
                 return None
-            if session.address is not None and session.process.is_alive():
-                return session.address
+            if session.server_address is not None and session.process.is_alive():
+                return session.server_address
             await asyncio.sleep(START_POLL_INTERVAL_S)
         return None
 

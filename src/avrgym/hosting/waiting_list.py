@@ -39,7 +39,7 @@ class WaitingList:
         """Remove a participant. Participants that do not wait are ignored."""
         self._seen_s.pop(pseudonym, None)
 
-    def position(self, pseudonym: str) -> int:
+    def count_participants_ahead(self, pseudonym: str) -> int:
         """Returns the number of participants before this participant."""
         return list(self._seen_s).index(pseudonym)
 
@@ -49,7 +49,7 @@ class WaitingList:
             each: seen_s for each, seen_s in self._seen_s.items() if now_s - seen_s < PRESENCE_TIMEOUT_S
         }
 
-    def next(self) -> str | None:
+    def find_next_present(self) -> str | None:
         """Returns the first waiting participant that is present; ``None`` if there is none."""
         return next((each for each in self._seen_s if each not in self._restored), None)
 

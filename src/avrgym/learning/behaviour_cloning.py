@@ -23,12 +23,13 @@ from avrgym.array_types import Float32Array, NumpyArray
 from avrgym.learning.configuration import RecurrentConfiguration
 from avrgym.learning.hyperparameters import RECURRENT_HYPERPARAMETERS
 from avrgym.learning.lerobot_dataset import INTERVENTION
-from avrgym.learning.normaliser import Normaliser, observation_of
+from avrgym.learning.normaliser import Normaliser, make_observation_description
 from avrgym.learning.recurrent_network import RecurrentNetwork, fit_network
-from avrgym.policies.lerobot import ENVIRONMENT_STATE, STATE
-from avrgym.policies.trained import Policy, PolicyMetadata
-from avrgym.tasks.observation import robot_measured_mask, value_names
-from avrgym.tasks.registry import find_environment, observation_and_action_size
+from avrgym.policies.lerobot import ENVIRONMENT_STATE_FEATURE, STATE_FEATURE
+from avrgym.policies.trained_policies import Policy, PolicyMetadata
+from avrgym.system.random_streams import make_cloning_minibatch_rng
+from avrgym.tasks.observation import list_value_names, make_robot_measured_mask
+from avrgym.tasks.registry import find_environment, get_observation_and_action_size
 from avrgym.tasks.settings import DEFAULT_SETTINGS
 
 GRADIENT_STEPS, SEQUENCES_PER_STEP = 600, 16
@@ -63,11 +64,11 @@ def clone(
             error of actions in this step.
     """
     torch.set_num_threads(1)  # more threads would change the order of sums
-    random = np.random.default_rng(seed)
-    normaliser = Normaliser(observation_of(environment), RECURRENT_HYPERPARAMETERS.gamma)
+    random = make_cloning_minibatch_rng(seed)
+    normaliser = Normaliser(make_observation_description(environment), RECURRENT_HYPERPARAMETERS.gamma)
     normaliser.obs_rms.update(episodes.observations[episodes.weights > 0.0])
     sizes = RecurrentConfiguration(environment=environment)
-    observation_size, action_size = observation_and_action_size(environment)
+    observation_size, action_size = get_observation_and_action_size(environment)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         network = RecurrentNetwork(observation_size, sizes.memory_size, sizes.net_arch, action_size)
@@ -137,8 +138,8 @@ def _read(environment: str, folder: Path) -> list[tuple[Float32Array, Float32Arr
     """Returns observations (T, O), actions (T, A) and the mask of corrected frames (T,) of each episode in a
     dataset.
     """
-    observation = observation_of(environment)
-    measured, names = robot_measured_mask(observation), np.array(value_names(observation))
+    observation = make_observation_description(environment)
+    measured, names = make_robot_measured_mask(observation), np.array(list_value_names(observation))
     try:
         info: dict[str, Any] = json.loads((folder / "meta" / "info.json").read_bytes())
         features: dict[str, Any] = info["features"]
@@ -155,7 +156,10 @@ def _read(environment: str, folder: Path) -> list[tuple[Float32Array, Float32Arr
             f"{folder}: demonstrations with the robot {found[0]} at {found[1]} Hz; {environment} needs {robot} at "
             f"{control_hz} Hz"
         )
-    for feature, expected in ((STATE, names[measured]), (ENVIRONMENT_STATE, names[~measured])):
+    for feature, expected in (
+        (STATE_FEATURE, names[measured]),
+        (ENVIRONMENT_STATE_FEATURE, names[~measured]),
+    ):
         stored: list[str] = features[feature]["names"] if feature in features else []
         if [*stored] != [*expected]:
             raise ValueError(
@@ -169,7 +173,7 @@ def _read(environment: str, folder: Path) -> list[tuple[Float32Array, Float32Arr
     actions, number = column("action").astype(np.float32), column("episode_index")
     marks = column(INTERVENTION) if INTERVENTION in features else np.zeros(len(actions), bool)
     observations = np.empty((len(actions), len(measured)), np.float32)
-    for feature, mask in ((STATE, measured), (ENVIRONMENT_STATE, ~measured)):
+    for feature, mask in ((STATE_FEATURE, measured), (ENVIRONMENT_STATE_FEATURE, ~measured)):
         if mask.any():
             observations[:, mask] = column(feature)
     episodes = [number == each for each in np.unique(number)]

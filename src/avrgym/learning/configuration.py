@@ -10,15 +10,15 @@ import msgspec
 from avrgym.learning.hyperparameters import (
     RECURRENT_HYPERPARAMETERS,
     VISUAL_HYPERPARAMETERS,
-    Hyperparameters,
-    hyperparameters_of,
+    FeedforwardHyperparameters,
+    make_hyperparameters,
 )
 from avrgym.networks.policy import POLICY_FILE_SUFFIX
 from avrgym.people.distributions import NAMED_DISTRIBUTIONS
-from avrgym.people.motor import MOTION_VERSION
-from avrgym.people.population_names import ORIGINAL, REVISED, TRAIN_ZOO
-from avrgym.people.populations import is_trained_human, people_for_workers
-from avrgym.system.engines import THREADS
+from avrgym.people.motor_model import MOTION_VERSION
+from avrgym.people.population_names import ORIGINAL_POPULATION, REVISED_POPULATION, TRAIN_ZOO
+from avrgym.people.populations import is_trained_human, read_people_for_workers
+from avrgym.system.engine_names import THREADS
 from avrgym.system.files import write_atomically
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
@@ -31,9 +31,9 @@ VISUAL_CONFIGURATION_FILE = "visual.json"
 STORED_PEOPLE_NAME, PEOPLE_FILE_SUFFIX = "people", ".toml"
 """Name and suffix of the copy of the people in a training run's folder: a people file, or a folder of trained humans.
 """
-LEARNING_VERSION = 2
+TRAINING_ALGORITHM_VERSION = 2
 """Version of the training algorithm. A training run is resumed only with the version that started it."""
-RENAMED_KEYS = {
+RENAMED_CONFIGURATION_KEYS = {
     "worlds": "num_envs",
     "minibatch": "batch_size",
     "epochs": "n_epochs",
@@ -116,16 +116,16 @@ class TrainingConfiguration:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
+class FeedforwardConfiguration(FeedforwardHyperparameters, TrainingConfiguration):
     """Settings of the training of a robot's feed-forward policy. If ``pairing`` is set, robot and human are trained
     together.
     """
 
-    people: str = ORIGINAL
+    people: str = ORIGINAL_POPULATION
     impairment: str = "none"
     steps: int = 2_000_000
     engine: str = THREADS
-    learning_version: int = LEARNING_VERSION
+    learning_version: int = TRAINING_ALGORITHM_VERSION
     pairing: JointTrainingSettings | None = None
 
     @property
@@ -139,26 +139,26 @@ class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
         """Returns the completed share of PPO's environment steps, 0 to 1, after ``steps`` steps in total."""
         return min(1.0, max(0.0, steps - self.imitation_steps) / max(1, self.steps - self.imitation_steps))
 
-    def log_std_at(self, steps: float) -> float:
+    def compute_log_std(self, steps: float) -> float:
         """Returns the natural logarithm of the action standard deviation after ``steps`` environment steps."""
         first, last = self.log_std
         return first + self._ppo_progress(steps) * (last - first)
 
-    def learning_rate_at(self, steps: float) -> float:
+    def compute_learning_rate(self, steps: float) -> float:
         """Returns PPO's learning rate after ``steps`` environment steps."""
         return self.learning_rate * max(0.01, 1.0 - self._ppo_progress(steps))
 
-    def force_weight_at(self, steps: float) -> float:
+    def compute_force_weight(self, steps: float) -> float:
         """Returns the reward penalty per newton of force on the person after ``steps`` environment steps."""
         return self.force_weight_per_n * min(max(3.0 * self._ppo_progress(steps) - 1.0, 0.0), 1.0)
 
-    def actor_learns_at(self, steps: int) -> bool:
+    def is_actor_learning(self, steps: int) -> bool:
         """Returns whether the actor learns after ``steps`` environment steps. In the first ``critic_updates`` updates
         after imitation, only the critic learns."""
         critic_steps = self.critic_updates * self.steps_per_update
         return self.imitation_steps == 0 or steps > self.imitation_steps + critic_steps
 
-    def learners_at(self, steps: int) -> tuple[bool, bool]:
+    def find_learning_agents(self, steps: int) -> tuple[bool, bool]:
         """Returns whether the robot learns, and whether the human learns, in the PPO update that starts after
         ``steps``."""
         alternate = 0 if self.pairing is None else self.pairing.alternate
@@ -201,11 +201,11 @@ class RecurrentConfiguration(TrainingConfiguration):
             )
         return replace(longer, imitation_share=self.imitation_updates / longer.total_updates)
 
-    def ppo_progress(self, update: int) -> float:
+    def compute_ppo_progress(self, update: int) -> float:
         """Returns the completed share of PPO's updates, 0 to 1, before the update with this number. It is 0 while only
         the critic learns.
         """
-        first = self.imitation_updates + RECURRENT_HYPERPARAMETERS.critic_updates
+        first = self.imitation_updates + RECURRENT_HYPERPARAMETERS.critic_only_updates
         return max(0.0, (update - first) / max(1, self.total_updates - first))
 
 
@@ -217,7 +217,7 @@ class VisualConfiguration(TrainingConfiguration):
     ``models.cameras``.
     """
 
-    people: str = REVISED
+    people: str = REVISED_POPULATION
     steps: int = 20_480
     num_envs: int = 128
     threads: int = 1
@@ -236,16 +236,16 @@ class VisualConfiguration(TrainingConfiguration):
         return replace(self, steps=steps)
 
 
-AnyConfiguration = FeedforwardConfiguration | RecurrentConfiguration | VisualConfiguration
+AnyTrainingConfiguration = FeedforwardConfiguration | RecurrentConfiguration | VisualConfiguration
 
 
-def configuration_for(
+def make_feedforward_configuration(
     environment: str,
     people: str,
     steps: int,
     seed: int,
     impairment: str = "none",
-    hyperparameters: Hyperparameters | None = None,
+    hyperparameters: FeedforwardHyperparameters | None = None,
     engine: str = THREADS,
     pairing: JointTrainingSettings | None = None,
     **others: Any,
@@ -264,11 +264,11 @@ def configuration_for(
         engine=engine,
         pairing=pairing,
         **others,
-        **vars(hyperparameters or hyperparameters_of(environment)),
+        **vars(hyperparameters or make_hyperparameters(environment)),
     )
 
 
-def write_configuration(configuration: AnyConfiguration, out: Path) -> None:
+def write_configuration(configuration: AnyTrainingConfiguration, out: Path) -> None:
     """Write a configuration as JSON into the folder ``out`` of its training run."""
     files: dict[type, str] = {
         RecurrentConfiguration: RECURRENT_CONFIGURATION_FILE,
@@ -286,7 +286,7 @@ def contains_training_run(out: Path) -> bool:
     )
 
 
-def read_configuration(out: Path) -> AnyConfiguration:
+def read_configuration(out: Path) -> AnyTrainingConfiguration:
     """Read and return the configuration of the training run in the folder ``out``.
 
     Files of AVR Gym 0.2 are accepted. In such training runs, people use version 1 of the motion model.
@@ -305,22 +305,25 @@ def read_configuration(out: Path) -> AnyConfiguration:
     try:
         stored: dict[str, Any] = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
         configuration = msgspec.convert(
-            {RENAMED_KEYS.get(key, key): value for key, value in stored.items()}, kind
+            {RENAMED_CONFIGURATION_KEYS.get(key, key): value for key, value in stored.items()}, kind
         )
     except (msgspec.DecodeError, msgspec.ValidationError) as error:
         raise ValueError(f"{path}: {error}") from error
     if "motion_version" not in stored and _people_move(configuration):
         configuration = replace(configuration, people=f"{configuration.people}@1")
-    version = stored.get("learning_version") if kind is FeedforwardConfiguration else LEARNING_VERSION
-    if version != LEARNING_VERSION:
+    version = (
+        stored.get("learning_version") if kind is FeedforwardConfiguration else TRAINING_ALGORITHM_VERSION
+    )
+    if version != TRAINING_ALGORITHM_VERSION:
         raise ValueError(
-            f"{path}: the training run has learning version {version}; allowed: {LEARNING_VERSION}. Start a new "
+            f"{path}: the training run has learning version {version}; allowed: {TRAINING_ALGORITHM_VERSION}. Start "
+            f"a new "
             "training run, or resume it with the AVR Gym version that started it"
         )
     return configuration
 
 
-def _people_move(configuration: AnyConfiguration) -> bool:
+def _people_move(configuration: AnyTrainingConfiguration) -> bool:
     """Returns whether the people of a training run move. Returns ``False`` if the population's name contains a motion
     version, as in ``participants@1``.
     """
@@ -328,7 +331,7 @@ def _people_move(configuration: AnyConfiguration) -> bool:
     if named is None or "@" in configuration.people:
         return False
     return (
-        named.moving
+        named.is_moving
         or not isinstance(configuration, FeedforwardConfiguration)
         or configuration.impairment != "none"
     )
@@ -341,10 +344,10 @@ def store_people(people: str, out: Path) -> None:
     copy = out / STORED_PEOPLE_NAME
     if not Path(people).is_dir():
         copy = copy.with_suffix(POLICY_FILE_SUFFIX if is_trained_human(people) else PEOPLE_FILE_SUFFIX)
-    people_for_workers(people).write(copy)
+    read_people_for_workers(people).write(copy)
 
 
-def stored_people_path(people: str, out: Path) -> str:
+def find_stored_people(people: str, out: Path) -> str:
     """Returns ``people`` if it is the name of a population, otherwise the path of their copy in the folder ``out``."""
     if people in NAMED_DISTRIBUTIONS:
         return people

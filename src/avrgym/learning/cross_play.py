@@ -4,27 +4,27 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from avrgym.learning.evaluation import Evaluation, StepReporter, evaluate_all
+from avrgym.learning.evaluation import EvaluationResult, StepReporter, evaluate_all
 from avrgym.people.impairments import parse_impairment
 from avrgym.policies import registry
 from avrgym.simulation.engines.engine import check_engine_name
-from avrgym.system.engines import THREADS
+from avrgym.system.engine_names import THREADS
 from avrgym.system.random_streams import TEST, Split
-from avrgym.tasks.constants import EPISODE_STEPS, PACKAGED_ENVIRONMENTS, skippable_errors
+from avrgym.tasks.constants import EPISODE_STEPS, PACKAGED_ENVIRONMENTS, list_skippable_errors
 from avrgym.tasks.registry import find_environment
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
-from avrgym.tasks.world_people import environment_populations
+from avrgym.tasks.world_people import find_environment_populations
 
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
 SkippedEnvironmentReporter = Callable[[str, Exception], None]
 """Function that reports skipped environments. Arguments: a description of the environments, and the error."""
-EvaluationFunction = Callable[[Sequence[str]], list[Evaluation]]
+EvaluationFunction = Callable[[Sequence[str]], list[EvaluationResult]]
 """Function that evaluates one policy with one population in some environments."""
 
 
-def cross_play(
+def run_cross_play(
     environment_ids: Sequence[str],
     policies: Sequence[str],
     people: Sequence[str],
@@ -44,7 +44,7 @@ def cross_play(
     allow_other_settings: bool = False,
     steps: int = EPISODE_STEPS,
     leave_out: SkippedEnvironmentReporter | None = None,
-) -> list[Evaluation]:
+) -> list[EvaluationResult]:
     """Evaluate every policy with every population. Returns a row for each population, policy and environment.
 
     The arguments are those of ``evaluate_all``. In an environment, all policies are evaluated in the same episodes.
@@ -66,13 +66,13 @@ def cross_play(
         allow_other_settings=allow_other_settings,
     )
     with_people = {
-        population: _environments_with(environment_ids, population, environment_populations, leave_out)
+        population: _environments_with(environment_ids, population, find_environment_populations, leave_out)
         for population in people
     }
     with_policy = {
         policy: _environments_with(environment_ids, policy, find_policy, leave_out) for policy in policies
     }
-    rows: list[Evaluation] = []
+    rows: list[EvaluationResult] = []
     for population in people:
         for policy in policies:
             run = partial(
@@ -123,7 +123,7 @@ def _environments_with(
     for environment_id in environment_ids:
         try:
             find(name, environment_id)
-        except skippable_errors(environment_id) as error:
+        except list_skippable_errors(environment_id) as error:
             errors[environment_id] = error
             if leave_out is None or len(errors) == len(environment_ids):
                 raise next(iter(errors.values())) from None
@@ -134,7 +134,7 @@ def _environments_with(
 
 def _rows(
     run: EvaluationFunction, environment_ids: Sequence[str], label: str, leave_out: SkippedEnvironmentReporter
-) -> Iterator[Evaluation]:
+) -> Iterator[EvaluationResult]:
     """Evaluate packaged environments together, and other environments one by one. Yields the results.
 
     If the joint evaluation fails, the packaged environments are evaluated one by one as well.
@@ -151,11 +151,11 @@ def _rows(
     for each in single:
         try:
             yield from run([each])
-        except skippable_errors(each) as error:
+        except list_skippable_errors(each) as error:
             leave_out(f"{each} with {label}", error)
 
 
-def success_table(rows: Sequence[Evaluation]) -> list[dict[str, Any]]:
+def make_success_table(rows: Sequence[EvaluationResult]) -> list[dict[str, Any]]:
     """Returns a table of success rates with 95 % intervals: a row per environment and policy, a column per
     population."""
     table: dict[tuple[str, str], dict[str, Any]] = {}

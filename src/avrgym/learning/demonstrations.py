@@ -10,34 +10,34 @@ import numpy as np
 
 from avrgym.array_types import NumpyArray
 from avrgym.learning.lerobot_dataset import DatasetEpisode
-from avrgym.models.cameras import CameraSpec, image_entries
+from avrgym.models.cameras import CameraSpec, list_image_formats
 from avrgym.policies import registry
 from avrgym.policies.simulated_operator import SimulatedOperator
-from avrgym.system.random_streams import demonstration_generator
+from avrgym.system.random_streams import make_demonstration_rng
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import instruction
+from avrgym.tasks.registry import make_policy_instruction
 
-MAX_ATTEMPTS_PER_EPISODE = 10
+MAX_ATTEMPTS_PER_SUCCESS = 10
 """Maximum number of attempts, divided by the required number of successful episodes."""
 MAX_WORLDS = 16
 
 
 @dataclass(frozen=True)
-class DemonstrationTotals:
+class DemonstrationCounts:
     """Number of successful episodes, and number of attempts, until now."""
 
     successes: int
     attempts: int
 
 
-def demonstrate(
+def simulate_demonstrations(
     world: Episodes,
     policy: registry.RobotPolicy,
     episodes: int,
     steps: int,
     seed: int,
     cameras: Sequence[CameraSpec] = (),
-    report: Callable[[DemonstrationTotals], None] = lambda totals: None,
+    report: Callable[[DemonstrationCounts], None] = lambda totals: None,
 ) -> Generator[DatasetEpisode]:
     """Yield the successful episodes of a simulated operator. Failed attempts are discarded, as a human operator would
     do.
@@ -63,10 +63,10 @@ def demonstrate(
             if bool(episode.successes[-1]):
                 successes += 1
                 yield episode
-            report(DemonstrationTotals(successes, attempts))
+            report(DemonstrationCounts(successes, attempts))
             if successes == episodes:
                 return
-            if attempts == MAX_ATTEMPTS_PER_EPISODE * episodes:
+            if attempts == MAX_ATTEMPTS_PER_SUCCESS * episodes:
                 raise ValueError(
                     f"{successes} of {attempts} attempts succeeded; use a policy with more success in this environment"
                 )
@@ -81,14 +81,14 @@ def _run(
     cameras: Sequence[CameraSpec],
 ) -> Generator[DatasetEpisode]:
     """Run one attempt in each world. Yields the recorded attempts in the order of ``numbers``."""
-    generators = [demonstration_generator(seed, number) for number in numbers]
+    generators = [make_demonstration_rng(seed, number) for number in numbers]
     observation = world.reset(np.arange(len(numbers)), generators)
     operator = SimulatedOperator(generators, world.action_size, world.settings.control_hz)
     found: dict[str, list[NumpyArray]] = {}
     with registry.open_policy(policy, world, generators) as act:
         for _ in range(steps):
-            action = operator.act(act(observation).astype(float)).clip(-1.0, 1.0)
-            images = world.images(cameras) if cameras else {}
+            action = operator.compute_commands(act(observation).astype(float)).clip(-1.0, 1.0)
+            images = world.render_images(cameras) if cameras else {}
             step = world.step(action)
             values = {
                 "observations": observation,
@@ -104,12 +104,12 @@ def _run(
     arrays = {name: np.stack(values, axis=1) for name, values in found.items()}
     for row, number in enumerate(numbers):
         own = {name: array[row] for name, array in arrays.items()}
-        person = world.people.person_at(row)
+        person = world.people.get_person(row)
         yield DatasetEpisode(
-            instruction(world.environment_id, world.settings),
-            **{name: own.pop(name) for name in [*own] if name not in image_entries(cameras)},
+            make_policy_instruction(world.environment_id, world.settings),
+            **{name: own.pop(name) for name in [*own] if name not in list_image_formats(cameras)},
             images=own,
-            labels={
+            episode_columns={
                 "attempt": number,
                 "seed": seed,
                 "person/sex": person.sex,

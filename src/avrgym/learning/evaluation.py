@@ -9,14 +9,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.people.populations import people_for_workers
+from avrgym.people.populations import read_people_for_workers
 from avrgym.policies import registry
-from avrgym.policies.trained import Policy
-from avrgym.safety.region_forces import RegionLoadRecorder, RegionLoads, RegionStatistics, region_statistics
+from avrgym.policies.trained_policies import Policy
+from avrgym.safety.region_forces import (
+    RegionLoadRecorder,
+    RegionLoads,
+    RegionStatistics,
+    compute_region_statistics,
+)
 from avrgym.simulation.engines.engine import check_engine_name
-from avrgym.system.engines import THREADS
-from avrgym.system.jobs import available_core_count, report_progress, starmap
-from avrgym.system.random_streams import TEST, Split, evaluation_generators
+from avrgym.system.engine_names import THREADS
+from avrgym.system.parallel_calls import count_available_cores, report_progress, starmap
+from avrgym.system.random_streams import TEST, Split, make_evaluation_rngs
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
@@ -31,26 +36,26 @@ StepReporter = Callable[[int], None]
 MAX_WORLDS_PER_BATCH = 64
 MIN_EPISODES_PER_PROCESS = 16
 """Minimum number of episodes per process. With fewer episodes, the start of another process takes too long."""
-NORMAL_QUANTILE = NormalDist().inv_cdf(0.975)
+NORMAL_QUANTILE_95 = NormalDist().inv_cdf(0.975)
 """Quantile of the standard normal distribution for two-sided 95 % intervals."""
 
 
 class EpisodeResults(NamedTuple):
-    """Results of n episodes, arrays (n,). ``draws`` is the number of sampled initial states. Samples are drawn until
-    one has enough clearance.
+    """Results of n episodes, arrays (n,). ``initial_state_samples`` is the number of sampled initial states. Samples
+    are drawn until one has enough clearance.
     """
 
-    reward: FloatArray
+    episode_returns: FloatArray
     success: BoolArray
-    force_n: FloatArray
+    mean_forces_n: FloatArray
     loads_by_region: RegionLoads
-    interventions: IntArray
-    draws: IntArray
+    num_guard_interventions: IntArray
+    initial_state_samples: IntArray
     device: str
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class EvaluationResult:
     """Results of one policy in one environment. Results on the test ``split`` must not be used to select a policy.
 
     ``force_mean_newton`` is the mean force on the person over all steps. ``force_regions`` contains forces by body
@@ -122,7 +127,7 @@ def evaluate(
     engine: str = THREADS,
     settings: Settings = DEFAULT_SETTINGS,
     steps: int = EPISODE_STEPS,
-) -> Evaluation:
+) -> EvaluationResult:
     """Evaluates a policy in one environment, in this process. Returns the results. The arguments are those of
     ``evaluate_all``.
     """
@@ -163,7 +168,7 @@ def evaluate_all(
     settings: Settings = DEFAULT_SETTINGS,
     allow_other_settings: bool = False,
     steps: int = EPISODE_STEPS,
-) -> list[Evaluation]:
+) -> list[EvaluationResult]:
     """Evaluate a policy in each environment. Returns one result per environment, in the same order.
 
     Args:
@@ -208,11 +213,11 @@ def evaluate_all(
         )
     check_engine_name(engine)
     total = len(environment_ids) * episodes
-    available = available_core_count() if cluster is None else cluster.max_parallel_calls
+    available = count_available_cores() if cluster is None else cluster.max_parallel_calls
     jobs = jobs or (min(available, max(1, total // MIN_EPISODES_PER_PROCESS)) if engine == THREADS else 1)
     threads = max(1, available // jobs) if cluster is None else 1
     parts = _parts(episodes, min(MAX_WORLDS_PER_BATCH, -(-total // jobs)))
-    policy_file, population = TransferredFile.read(policy), people_for_workers(people)
+    policy_file, population = TransferredFile.read(policy), read_people_for_workers(people)
     batches = [
         _Batch(
             environment_id=environment_id,
@@ -272,7 +277,7 @@ def _run_batch(batch: _Batch, progress: StepReporter) -> EpisodeResults:
     world = Episodes(
         batch.environment_id,
         len(batch.episodes),
-        people=batch.people.local_path(),
+        people=batch.people.get_local_path(),
         impairment=batch.impairment,
         num_threads=batch.threads,
         by_region=True,
@@ -281,18 +286,24 @@ def _run_batch(batch: _Batch, progress: StepReporter) -> EpisodeResults:
         force_guard=batch.force_guard,
         settings=batch.settings,
     )
-    generators = evaluation_generators(batch.split, batch.seed, batch.episodes)
+    generators = make_evaluation_rngs(batch.split, batch.seed, batch.episodes)
     return _run(world, batch, generators, progress)
 
 
-def _sum_up(batch: _Batch, results: list[EpisodeResults], policy: registry.RobotPolicy) -> Evaluation:
-    """Combine the results of all batches of an environment. Returns one ``Evaluation``."""
+def _sum_up(batch: _Batch, results: list[EpisodeResults], policy: registry.RobotPolicy) -> EvaluationResult:
+    """Combine the results of all batches of an environment. Returns one ``EvaluationResult``."""
     reward, success, force, interventions, draws = (
         np.concatenate([getattr(part, name) for part in results])
-        for name in ("reward", "success", "force_n", "interventions", "draws")
+        for name in (
+            "episode_returns",
+            "success",
+            "mean_forces_n",
+            "num_guard_interventions",
+            "initial_state_samples",
+        )
     )
     loads = RegionLoads.concatenate([part.loads_by_region for part in results])
-    return Evaluation(
+    return EvaluationResult(
         env=batch.environment_id,
         policy=batch.policy.name,
         people=batch.people.name,
@@ -302,16 +313,16 @@ def _sum_up(batch: _Batch, results: list[EpisodeResults], policy: registry.Robot
         reward_mean=float(reward.mean()),
         reward_std=float(reward.std()),
         success_rate=float(success.mean()),
-        success_ci95=wilson_interval(int(success.sum()), len(success)),
+        success_ci95=compute_wilson_interval(int(success.sum()), len(success)),
         force_mean_newton=float(force.mean()),
-        episodes_over_limit=int(loads.over_limit.any(axis=-1).sum()),
+        episodes_over_limit=int(loads.over_limit_mask.any(axis=-1).sum()),
         guard_interventions=float(interventions.mean()) if batch.force_guard else None,
         engine=batch.engine.partition(":")[0],
         device=results[0].device,
-        force_regions=region_statistics(loads),
+        force_regions=compute_region_statistics(loads),
         settings=batch.settings.changed_values,
         steps=batch.steps,
-        plugin_differences=registry.plugin_changes_since_training(policy, batch.environment_id),
+        plugin_differences=registry.describe_plugin_changes(policy, batch.environment_id),
         trained_with_force_guard=isinstance(policy, Policy) and policy.metadata.force_guard,
         start_draws_mean=float(draws.mean()),
         start_draws_max=int(draws.max()),
@@ -319,7 +330,9 @@ def _sum_up(batch: _Batch, results: list[EpisodeResults], policy: registry.Robot
     )
 
 
-def wilson_interval(successes: float, count: float, quantile: float = NORMAL_QUANTILE) -> tuple[float, float]:
+def compute_wilson_interval(
+    successes: float, count: float, quantile: float = NORMAL_QUANTILE_95
+) -> tuple[float, float]:
     """Returns Wilson's score interval of a proportion, 95 % by default (J. Am. Stat. Assoc. 22, 1927, p. 209).
 
     ``count`` may be an effective sample size. ``quantile`` may be a quantile of Student's t distribution.
@@ -337,14 +350,14 @@ def _run(
     """Run one batch of episodes in ``world``, one episode per random generator. Returns their results."""
     count = len(generators)
     found = registry.resolve_policy(
-        batch.policy.local_path(),
+        batch.policy.get_local_path(),
         world.environment_id,
         batch.settings,
         allow_other_environment=batch.allow_other_environment,
         allow_other_settings=batch.allow_other_settings,
     )
     observation = world.reset(np.arange(count), generators)
-    draws = world.start_samples.astype(np.intp)
+    draws = world.num_initial_state_samples.astype(np.intp)
     reward, force, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
     recorder = RegionLoadRecorder(count)
     with registry.open_policy(found, world, generators) as act:
@@ -357,4 +370,4 @@ def _run(
     guard = world.control_loop.guard
     interventions = np.zeros(count, dtype=np.intp) if guard is None else guard.num_interventions
     device = world.simulation.engine.device
-    return EpisodeResults(reward, success, force, recorder.loads(), interventions, draws, device)
+    return EpisodeResults(reward, success, force, recorder.compute_loads(), interventions, draws, device)

@@ -22,22 +22,28 @@ from stable_baselines3.common.utils import configure_logger
 
 from avrgym.array_types import BoolArray
 from avrgym.learning import ppo
-from avrgym.learning.configuration import FeedforwardConfiguration, stored_people_path
-from avrgym.learning.hard_episodes import HardEpisodeSampler
+from avrgym.learning.configuration import FeedforwardConfiguration, find_stored_people
+from avrgym.learning.failed_episodes import FailedEpisodeSampler
 from avrgym.learning.hyperparameters import IMITATION_HYPERPARAMETERS
-from avrgym.learning.imitation import Demonstration, Demonstrations, fit_actor
-from avrgym.learning.normaliser import ObservationScales, observation_of
+from avrgym.learning.imitation import Demonstration, DemonstrationDataset, fit_actor
+from avrgym.learning.normaliser import ObservationScales, make_observation_description
 from avrgym.learning.recipe import UpdateResults
-from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, cached_worlds, roll_out_agents
+from avrgym.learning.rollouts import (
+    Rollout,
+    RolloutRequest,
+    WorldSettings,
+    load_cached_worlds,
+    roll_out_agents,
+)
 from avrgym.learning.rsl_rl_ppo import DevicePPO, import_rsl_rl
 from avrgym.networks.policy import Policy, PolicyMetadata, TrainedHumanMetadata
 from avrgym.people.distributions import NAMED_DISTRIBUTIONS
-from avrgym.people.populations import is_trained_human, people_for_workers, population_label
+from avrgym.people.populations import format_population_label, is_trained_human, read_people_for_workers
 from avrgym.system import random_streams
-from avrgym.system.engines import THREADS
+from avrgym.system.engine_names import THREADS
 from avrgym.system.files import read_user_text
-from avrgym.tasks.human_view import make_human_observer
-from avrgym.tasks.registry import observation_and_action_size
+from avrgym.tasks.human_observation import make_human_observer
+from avrgym.tasks.registry import get_observation_and_action_size
 
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
@@ -94,7 +100,7 @@ def _check_pairing(environment: str, people: str) -> None:
         )
 
 
-def num_rollout_requests(configuration: FeedforwardConfiguration, cluster: "Cluster | None") -> int:
+def count_rollout_requests(configuration: FeedforwardConfiguration, cluster: "Cluster | None") -> int:
     """Returns the number of rollout requests per update: a multiple of the number of workers. The worlds are divided
     among the requests."""
     if cluster is None:
@@ -115,12 +121,12 @@ class FeedforwardRecipe:
         self, configuration: FeedforwardConfiguration, out: Path, cluster: "Cluster | None" = None
     ) -> None:
         self._configuration, self._out = configuration, out
-        self._people = stored_people_path(configuration.people, out)
+        self._people = find_stored_people(configuration.people, out)
         threads = configuration.threads if cluster is None else 1
         self._settings = {
             engine: WorldSettings(
                 configuration.environment,
-                people_for_workers(self._people),
+                read_people_for_workers(self._people),
                 configuration.impairment,
                 threads,
                 engine,
@@ -132,18 +138,20 @@ class FeedforwardRecipe:
             for engine in (THREADS, configuration.engine)
         }
         self._parts = np.array_split(
-            np.arange(configuration.num_envs), num_rollout_requests(configuration, cluster)
+            np.arange(configuration.num_envs), count_rollout_requests(configuration, cluster)
         )
         self._roll_out_parts = _roll_out_here if cluster is None else _roll_out_on(cluster)
-        self._policy_update: ppo.PolicyUpdateFunction = ppo.update_on_host
+        self._policy_update: ppo.PolicyUpdateFunction = ppo.update_ppo_on_host
         if configuration.engine != THREADS:
             self._policy_update = DevicePPO(configuration)
-            cached_worlds(
+            load_cached_worlds(
                 self._settings[configuration.engine], configuration.num_envs
             )  # raises ValueError now if the device does not have enough memory
         self._agents = _agents(configuration, out)
-        self._demonstrations = Demonstrations(out, Demonstration)
-        self._hard = HardEpisodeSampler(configuration.num_envs, configuration.hard_share, configuration.seed)
+        self._demonstrations = DemonstrationDataset(out, Demonstration)
+        self._hard = FailedEpisodeSampler(
+            configuration.num_envs, configuration.hard_share, configuration.seed
+        )
         self._latest: list[tuple[float, bool]] = []
         self._log_is_open = False
 
@@ -153,22 +161,22 @@ class FeedforwardRecipe:
         return self._agents[0].model
 
     @property
-    def steps(self) -> int:
-        return ppo.trained_steps(self.model)
+    def num_timesteps(self) -> int:
+        return ppo.count_trained_timesteps(self.model)
 
     @property
-    def final_action_stds(self) -> tuple[float, ...]:
-        return (exp(self._configuration.log_std_at(self.steps)),)
+    def candidate_action_stds(self) -> tuple[float, ...]:
+        return (exp(self._configuration.compute_log_std(self.num_timesteps)),)
 
     def update(self) -> UpdateResults:
-        if self.steps < self._configuration.imitation_steps:
+        if self.num_timesteps < self._configuration.imitation_steps:
             return self._imitate()
         return self._improve()
 
-    def policies(self, metadata: PolicyMetadata) -> list[Policy]:
+    def export_policies(self, metadata: PolicyMetadata) -> list[Policy]:
         configuration = self._configuration
-        log_std = configuration.log_std_at(self.steps)
-        name = population_label(configuration.people)
+        log_std = configuration.compute_log_std(self.num_timesteps)
+        name = format_population_label(configuration.people)
         human = msgspec.structs.replace(metadata, people=name, impairment=configuration.impairment)
         robot = human
         if configuration.pairing is not None:
@@ -176,22 +184,22 @@ class FeedforwardRecipe:
         policies = [ppo.export_policy(self._agents[0], log_std, robot)]
         for agent in self._agents[1:]:
             text = "" if self._people in NAMED_DISTRIBUTIONS else read_user_text(Path(self._people))
-            role = TrainedHumanMetadata(partner=policies[0].digest, people_file=text)
+            role = TrainedHumanMetadata(partner=policies[0].parameters_sha256, people_file=text)
             policies.append(ppo.export_policy(agent, log_std, msgspec.structs.replace(human, human=role)))
         return policies
 
-    def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
+    def checkpoint_state(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Returns the state for a checkpoint, see ``Recipe.state``. It contains NumPy's global random stream, because
         Stable-Baselines3 uses this stream for minibatches.
         """
         tensors = {
-            **ppo.agent_state(self._agents[0]),
+            **ppo.make_agent_state(self._agents[0]),
             "torch_random": torch.get_rng_state(),
             "minibatches": json.dumps(np.random.get_state(legacy=False), default=np.ndarray.tolist),  # noqa: NPY002
         }
         if len(self._agents) > 1:
-            tensors["human"] = ppo.agent_state(self._agents[1])
-        return tensors, {"finished": self._latest, "hard": self._hard.stored}
+            tensors["human"] = ppo.make_agent_state(self._agents[1])
+        return tensors, {"finished": self._latest, "hard": self._hard.failed_seeds}
 
     def restore(self, tensors: dict[str, Any], values: dict[str, Any]) -> None:
         states = [tensors, *([tensors["human"]] if len(self._agents) > 1 else [])]
@@ -202,15 +210,17 @@ class FeedforwardRecipe:
         minibatches["state"]["key"] = np.array(minibatches["state"]["key"], dtype=np.uint32)
         np.random.set_state(minibatches)  # noqa: NPY002
         self._latest = [(reward, success) for reward, success in values["finished"]]
-        self._hard.stored = values.get("hard", [])  # early checkpoints do not contain it
-        if self.steps < self._configuration.imitation_steps:
-            self._demonstrations.read(self.steps // self._configuration.steps_per_update)
+        self._hard.failed_seeds = values.get("hard", [])  # early checkpoints do not contain it
+        if self.num_timesteps < self._configuration.imitation_steps:
+            self._demonstrations.read_rounds(self.num_timesteps // self._configuration.steps_per_update)
 
     def _imitate(self) -> UpdateResults:
         configuration = self._configuration
-        number = self.steps // configuration.steps_per_update
-        random = random_streams.imitation_generator(configuration.seed, number)
-        expert_drives = random.random(configuration.num_envs) < IMITATION_HYPERPARAMETERS.expert_share**number
+        number = self.num_timesteps // configuration.steps_per_update
+        random = random_streams.make_imitation_rng(configuration.seed, number)
+        expert_drives = (
+            random.random(configuration.num_envs) < IMITATION_HYPERPARAMETERS.expert_fraction**number
+        )
         rollouts = self._roll_out(self._own_policies(), expert_drives=expert_drives)
         for agent, each in zip(self._agents, rollouts, strict=True):
             agent.normaliser.update_observations(each)
@@ -220,10 +230,10 @@ class FeedforwardRecipe:
         last = number == configuration.imitation_updates - 1
         fit_actor(self._agents[0], self._demonstrations, random, last=last)
         self._count_update()
-        return self._results("imitation", rollout.episode_results(~expert_drives))
+        return self._results("imitation", rollout.list_episode_results(~expert_drives))
 
     def _improve(self) -> UpdateResults:
-        configuration, done, started = self._configuration, self.steps, time.monotonic()
+        configuration, done, started = self._configuration, self.num_timesteps, time.monotonic()
         self._open_log()
         for model, _ in self._agents:
             ppo.set_log_std(model, configuration)
@@ -231,17 +241,21 @@ class FeedforwardRecipe:
         self._count_update()
         rollout = rollouts[0]
         if configuration.hard_share > 0.0:
-            self._hard.store_failures(rollout.success.tolist(), rollout.episode_force_n.tolist())
-        results = self._results("PPO", rollout.episode_results(slice(self._hard.repeated, None)))
+            self._hard.store_failures(rollout.success.tolist(), rollout.episode_mean_force_n.tolist())
+        results = self._results(
+            "PPO", rollout.list_episode_results(slice(self._hard.num_repeated_episodes, None))
+        )
         self._log(results, rollout.nbytes, time.monotonic() - started)
-        for agent, each, learns in zip(self._agents, rollouts, configuration.learners_at(done), strict=False):
+        for agent, each, learns in zip(
+            self._agents, rollouts, configuration.find_learning_agents(done), strict=False
+        ):
             if learns:
                 ppo.set_actor_trainable(agent.model, configuration)
                 ppo.update_agent(agent, each, configuration.steps, self._policy_update)
         return results
 
     def _own_policies(self) -> list[Policy]:
-        return self.policies(PolicyMetadata(environment="", people="", steps=0, seed=0))
+        return self.export_policies(PolicyMetadata(environment="", people="", steps=0, seed=0))
 
     def _roll_out(
         self,
@@ -251,17 +265,17 @@ class FeedforwardRecipe:
     ) -> list[Rollout]:
         """Run an episode in every world. Returns a rollout for each agent. Experts always use the engine
         ``threads``."""
-        configuration, steps = self._configuration, self.steps
+        configuration, steps = self._configuration, self.num_timesteps
         engine = configuration.engine if expert_drives is None else THREADS
         episodes = np.array(self._hard.choose_seeds(steps))
         requests = [
             RolloutRequest(
-                settings=self._settings[engine],
+                world_settings=self._settings[engine],
                 first_world_index=int(worlds[0]),
                 episode_seeds=episodes[worlds],
                 noise_seed=noise_seed,
-                expert_controlled=None if expert_drives is None else expert_drives[worlds],
-                force_weight_per_n=0.0 if noise_seed is None else configuration.force_weight_at(steps),
+                expert_controlled_mask=None if expert_drives is None else expert_drives[worlds],
+                force_weight_per_n=0.0 if noise_seed is None else configuration.compute_force_weight(steps),
                 detour_weight_per_m=configuration.detour_weight_per_m,
                 preference_weights=configuration.preference_weights,
                 shared_reward=configuration.pairing is None or configuration.pairing.shared_reward,
@@ -272,7 +286,7 @@ class FeedforwardRecipe:
         return [Rollout.concatenate([*of_agent]) for of_agent in zip(*parts, strict=True)]
 
     def _count_update(self) -> None:
-        steps = self.steps + self._configuration.steps_per_update
+        steps = self.num_timesteps + self._configuration.steps_per_update
         for model, _ in self._agents:
             model.num_timesteps = steps
 
@@ -297,7 +311,7 @@ class FeedforwardRecipe:
             logger.record("rollout/success_rate", results.success_rate)
         logger.record("rollout/bytes", rollout_bytes)
         logger.record("time/fps", int(self._configuration.steps_per_update / seconds))
-        logger.dump(self.steps)
+        logger.dump(self.num_timesteps)
 
 
 def _roll_out_here(policies: Sequence[Policy], requests: Sequence[RolloutRequest]) -> list[list[Rollout]]:
@@ -314,7 +328,7 @@ def _roll_out_on(cluster: "Cluster") -> RolloutFunction:
 def _agents(configuration: FeedforwardConfiguration, out: Path) -> list[ppo.Agent]:
     environment = configuration.environment
     sides: list[tuple[ObservationScales, int]] = [
-        (observation_of(environment), observation_and_action_size(environment)[1])
+        (make_observation_description(environment), get_observation_and_action_size(environment)[1])
     ]
     if configuration.pairing is not None:
         sides.append(make_human_observer(environment))

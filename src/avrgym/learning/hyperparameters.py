@@ -1,9 +1,9 @@
 """Hyperparameters of every recipe, named as in Stable-Baselines3.
 
-``Hyperparameters`` are for feed-forward policies (imitation, then PPO). Users change them with ``avrgym train --config
-FILE``. ``TASK_HYPERPARAMETERS`` contains values for specific tasks, ``PAPER_HYPERPARAMETERS`` the values of ``--recipe
-paper``. ``IMITATION_HYPERPARAMETERS``, ``RECURRENT_HYPERPARAMETERS`` and ``VISUAL_HYPERPARAMETERS`` contain the fixed
-values of imitation, ``--recipe adaptive`` and ``--recipe visual``.
+``FeedforwardHyperparameters`` are for feed-forward policies (imitation, then PPO). Users change them with ``avrgym
+train --config FILE``. ``TASK_HYPERPARAMETERS`` contains values for specific tasks, ``PAPER_HYPERPARAMETERS`` the
+values of ``--recipe paper``. ``IMITATION_HYPERPARAMETERS``, ``RECURRENT_HYPERPARAMETERS`` and
+``VISUAL_HYPERPARAMETERS`` contain the fixed values of imitation, ``--recipe adaptive`` and ``--recipe visual``.
 """
 
 from collections.abc import Mapping
@@ -14,11 +14,11 @@ from msgspec import Meta
 
 from avrgym.tasks.registry import TASKS, find_environment
 
-Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+UnitInterval = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hyperparameters:
+class FeedforwardHyperparameters:
     """Hyperparameters of a feed-forward policy: imitation of the task's expert, then PPO.
 
     Network and PPO are those of the paper (section V). The finished policy has the ``log_std`` of its last update.
@@ -33,8 +33,8 @@ class Hyperparameters:
         float,
         Meta(gt=0.0, description="learning rate of PPO at its start; decreases linearly to a hundredth"),
     ] = 3e-4
-    gamma: Annotated[Share, Meta(description="discount factor per control step")] = 0.99
-    gae_lambda: Annotated[Share, Meta(description="λ of generalised advantage estimation")] = 0.95
+    gamma: Annotated[UnitInterval, Meta(description="discount factor per control step")] = 0.99
+    gae_lambda: Annotated[UnitInterval, Meta(description="λ of generalised advantage estimation")] = 0.95
     clip_range: Annotated[
         float, Meta(gt=0.0, description="limit of the change of an action's probability in PPO, as a share")
     ] = 0.2
@@ -55,7 +55,9 @@ class Hyperparameters:
     imitation_rounds: Annotated[
         int, Meta(ge=0, description="updates at the start that imitate the expert instead of PPO")
     ] = 8
-    imitation_share: Annotated[Share, Meta(description="upper limit of imitation's share of all steps")] = 0.5
+    imitation_share: Annotated[
+        UnitInterval, Meta(description="upper limit of imitation's share of all steps")
+    ] = 0.5
     critic_updates: Annotated[
         int, Meta(ge=0, description="updates after imitation in which only the critic learns")
     ] = 5
@@ -71,7 +73,7 @@ class Hyperparameters:
         float, Meta(ge=0.0, description="reward penalty per metre of detour of the tool around the arm")
     ] = 0.0
     hard_share: Annotated[
-        Share,
+        UnitInterval,
         Meta(
             description="upper limit of the share of worlds that repeat failed episodes in an update of PPO; "
             "reported rewards leave these out"
@@ -112,7 +114,7 @@ TASK_HYPERPARAMETERS: Mapping[str, Mapping[str, Any]] = {
 }
 """Values that differ from the defaults, by task. Tasks of other packages define them in ``Task.hyperparameters``."""
 
-PAPER_HYPERPARAMETERS = Hyperparameters(
+PAPER_HYPERPARAMETERS = FeedforwardHyperparameters(
     num_envs=1024,
     batch_size=5120,
     imitation_rounds=0,
@@ -128,7 +130,7 @@ PAPER_HYPERPARAMETERS = Hyperparameters(
 The paper does not report the exploration noise and the number of episodes per update. ``log_std`` is that of the task
 Feeding.
 """
-PAPER_STEPS = 10_000_000
+PAPER_TRAINING_STEPS = 10_000_000
 """Environment steps of each training run in the paper (section VI)."""
 DEFAULT_TRAINING_STEPS = 1_000_000
 """Default number of environment steps for training a feed-forward policy."""
@@ -139,7 +141,7 @@ class ImitationHyperparameters:
     """Hyperparameters of imitation by a feed-forward policy. After each round, Adam minimises the squared error of
     actions over the demonstrations of all rounds."""
 
-    expert_share: float = 0.8
+    expert_fraction: float = 0.8
     """Share of worlds that the expert controls, relative to the previous round. In the first round the expert
     controls all worlds.
     """
@@ -167,7 +169,7 @@ class RecurrentHyperparameters:
 
     imitation_share: float = 0.25
     """Default share of imitation updates in all updates."""
-    expert_share: float = 0.7
+    expert_fraction: float = 0.7
     """Share of worlds that the expert controls, relative to the previous round; 1 in the first round."""
     imitation_minibatch_episodes: int = 32
     """Number of episodes in a minibatch of imitation."""
@@ -186,7 +188,7 @@ class RecurrentHyperparameters:
 
     learning_rate: float = 3e-5
     learning_rate_without_imitation: float = 1e-4
-    final_lr_share: float = 0.02
+    final_lr_fraction: float = 0.02
     """Final learning rate of PPO, relative to the initial one. The learning rate decreases linearly."""
     gamma: float = 0.99
     gae_lambda: float = 0.95
@@ -205,11 +207,11 @@ class RecurrentHyperparameters:
     critic_memory_size: int = 64
     critic_net_arch: tuple[int, ...] = (64,)
     critic_learning_rate: float = 1e-3
-    critic_updates: int = 4
+    critic_only_updates: int = 4
     """Number of updates after imitation in which only the critic learns."""
     log_std: tuple[float, float] = (-2.3, -2.6)
     """Natural logarithm of the action standard deviation at the start and the end of PPO."""
-    final_action_stds: tuple[float, ...] = (0.0, 0.05, 0.08)
+    candidate_action_stds: tuple[float, ...] = (0.0, 0.05, 0.08)
     """Candidates for the action standard deviation of the trained policy. The one with the highest success rate is
     selected.
     """
@@ -228,7 +230,7 @@ class VisualHyperparameters:
 
     episode_steps: int = 32
     """Number of control steps of each episode in training. Most of the teacher's episodes succeed earlier."""
-    expert_share: float = 0.5
+    expert_fraction: float = 0.5
     """Share of worlds that the teacher controls, relative to the previous round; 1 in the first round."""
     teacher_noise_std: float = 0.3
     """Standard deviation of the noise on the teacher's actions."""
@@ -251,11 +253,11 @@ RECURRENT_HYPERPARAMETERS = RecurrentHyperparameters()
 VISUAL_HYPERPARAMETERS = VisualHyperparameters()
 
 
-def hyperparameters_of(environment: str) -> Hyperparameters:
+def make_hyperparameters(environment: str) -> FeedforwardHyperparameters:
     """Returns the hyperparameters of feed-forward policies in an environment.
 
     Raises:
         ValueError: for an unknown environment. The message contains the allowed ids.
     """
     task, _ = find_environment(environment)
-    return Hyperparameters(**{**TASK_HYPERPARAMETERS.get(task, {}), **TASKS[task].hyperparameters})
+    return FeedforwardHyperparameters(**{**TASK_HYPERPARAMETERS.get(task, {}), **TASKS[task].hyperparameters})

@@ -38,7 +38,7 @@ class Demonstration:
 D = TypeVar("D", bound=Demonstration)
 
 
-class Demonstrations(Generic[D]):
+class DemonstrationDataset(Generic[D]):
     """The demonstrations of all rounds of imitation. Each round has its own file."""
 
     def __init__(self, out: Path, kind: type[D]) -> None:
@@ -51,7 +51,7 @@ class Demonstrations(Generic[D]):
         np.savez(self._file(len(self.rounds)), **asdict(demonstration))
         self.rounds.append(demonstration)
 
-    def read(self, rounds: int) -> None:
+    def read_rounds(self, rounds: int) -> None:
         """Read the files of the first ``rounds`` rounds.
 
         Raises:
@@ -77,7 +77,11 @@ class Demonstrations(Generic[D]):
 
 
 def fit_actor(
-    agent: Agent, demonstrations: Demonstrations[Demonstration], random: np.random.Generator, *, last: bool
+    agent: Agent,
+    demonstrations: DemonstrationDataset[Demonstration],
+    random: np.random.Generator,
+    *,
+    last: bool,
 ) -> None:
     """Fit the actor's mean actions to all demonstrations by least squares. The last round has more epochs."""
     model, normaliser = agent

@@ -19,13 +19,13 @@ from PIL import Image
 
 from avrgym.array_types import BoolArray, NumpyArray
 from avrgym.models.scene import SceneConfig
-from avrgym.policies.lerobot import ENVIRONMENT_STATE, IMAGES, state_features
-from avrgym.policies.lerobot import STATE as STATE_FEATURE
+from avrgym.policies.lerobot import ENVIRONMENT_STATE_FEATURE, IMAGE_FEATURE_PREFIX, split_state_features
+from avrgym.policies.lerobot import STATE_FEATURE as STATE_FEATURE
 from avrgym.system.files import write_atomically
-from avrgym.tasks.observation import Observation, robot_measured_mask, value_names
+from avrgym.tasks.observation import ObservationSpec, list_value_names, make_robot_measured_mask
 
-FORMAT_VERSION = "v3.0"
-FILE = "chunk-000/file-000.parquet"
+DATASET_FORMAT_VERSION = "v3.0"
+PARQUET_FILE = "chunk-000/file-000.parquet"
 DATA_FILE_PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 """Path pattern of data files, as in ``info.json`` of the format."""
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
@@ -36,7 +36,7 @@ UNUSED_STATE_FEATURE = "environment_state"
 """
 INTERVENTION = "intervention"
 """Feature that marks the frames in which an operator corrected a policy."""
-Columns = Mapping[str, NumpyArray]
+FrameColumns = Mapping[str, NumpyArray]
 """Columns of a table of frames: arrays with one value per frame, by feature name."""
 
 
@@ -45,9 +45,9 @@ class DatasetEpisode:
     """One episode of a dataset, with T control steps.
 
     ``observations`` (T, O) and ``images`` (T, H, W) or (T, H, W, 3), by names such as ``wrist_rgb``, are from the start
-    of each step. ``rewards``, ``successes`` and ``forces_on_person_n`` (T,) are from its end. ``labels`` are columns of
-    the table of episodes. ``constants`` are features that are equal in all frames. ``interventions`` (T,): steps in
-    which an operator drove instead of a policy.
+    of each step. ``rewards``, ``successes`` and ``forces_on_person_n`` (T,) are from its end. ``episode_columns`` are
+    columns of the table of episodes. ``constant_features`` are features that are equal in all frames.
+    ``interventions`` (T,): steps in which an operator drove instead of a policy.
     """
 
     instruction: str
@@ -57,15 +57,15 @@ class DatasetEpisode:
     successes: BoolArray
     forces_on_person_n: NumpyArray
     images: Mapping[str, NumpyArray] = field(default_factory=dict[str, NumpyArray])
-    labels: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    constants: Mapping[str, bool] = field(default_factory=dict[str, bool])
+    episode_columns: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    constant_features: Mapping[str, bool] = field(default_factory=dict[str, bool])
     interventions: BoolArray | None = None
 
-    def features(self, observation: Observation) -> dict[str, NumpyArray]:
+    def to_features(self, observation: ObservationSpec) -> dict[str, NumpyArray]:
         """Returns the values of all features by LeRobot's names: inputs and outputs of policies, and results."""
-        states = state_features(observation, np.asarray(self.observations, np.float32))
-        if self.images and ENVIRONMENT_STATE in states:
-            states[UNUSED_STATE_FEATURE] = states.pop(ENVIRONMENT_STATE)
+        states = split_state_features(observation, np.asarray(self.observations, np.float32))
+        if self.images and ENVIRONMENT_STATE_FEATURE in states:
+            states[UNUSED_STATE_FEATURE] = states.pop(ENVIRONMENT_STATE_FEATURE)
         count = len(self.actions)
         return {
             **states,
@@ -74,9 +74,9 @@ class DatasetEpisode:
             "next.done": np.arange(count) == count - 1,
             "next.success": np.asarray(self.successes, bool),
             "next.force_on_person_n": np.asarray(self.forces_on_person_n, np.float32),
-            **{name: np.full(count, value) for name, value in self.constants.items()},
+            **{name: np.full(count, value) for name, value in self.constant_features.items()},
             **({} if self.interventions is None else {INTERVENTION: np.asarray(self.interventions, bool)}),
-            **{f"{IMAGES}{name}": images for name, images in self.images.items()},
+            **{f"{IMAGE_FEATURE_PREFIX}{name}": images for name, images in self.images.items()},
         }
 
 
@@ -84,7 +84,7 @@ class DatasetWriter:
     """Context manager that writes the episodes of one environment into a new folder, one after the other."""
 
     def __init__(
-        self, folder: Path, *, observation: Observation, scene: SceneConfig, control_hz: int
+        self, folder: Path, *, observation: ObservationSpec, scene: SceneConfig, control_hz: int
     ) -> None:
         """Create the folder of the dataset. Raises ``FileExistsError`` if it exists."""
         for name in ("data/chunk-000", "meta/episodes/chunk-000"):
@@ -114,14 +114,14 @@ class DatasetWriter:
         if error is None:
             self._write_metadata()
 
-    def add(self, episode: DatasetEpisode) -> None:
+    def add_episode(self, episode: DatasetEpisode) -> None:
         """Append an episode of T control steps as T frames to the dataset."""
         if episode.instruction not in self._tasks:
             self._tasks.append(episode.instruction)
         number, length = len(self._rows), len(episode.actions)
         steps = np.arange(length)
-        columns: Columns = {
-            **episode.features(self._observation),
+        columns: FrameColumns = {
+            **episode.to_features(self._observation),
             "timestamp": (steps / self._control_hz).astype(np.float32),
             "frame_index": steps,
             "episode_index": np.full(length, number),
@@ -130,13 +130,13 @@ class DatasetWriter:
         }
         table = pa.table({name: _arrow(values) for name, values in columns.items()})
         if self._file is None:
-            self._file = pq.ParquetWriter(self._folder / "data" / FILE, table.schema)
+            self._file = pq.ParquetWriter(self._folder / "data" / PARQUET_FILE, table.schema)
             self._features = {name: self._feature(name, values) for name, values in columns.items()}
         self._file.write_table(table)
         about: dict[str, Any] = {}
         for name, values in columns.items():
             own = FeatureStatistics(values)
-            about |= {f"stats/{name}/{each}": value for each, value in own.values().items()}
+            about |= {f"stats/{name}/{each}": value for each, value in own.to_dict().items()}
             self._statistics[name] = own if name not in self._statistics else self._statistics[name] + own
         self._rows.append(
             {
@@ -150,7 +150,7 @@ class DatasetWriter:
                 "meta/episodes/chunk_index": 0,
                 "meta/episodes/file_index": 0,
                 "success": bool(episode.successes[-1]),
-                **episode.labels,
+                **episode.episode_columns,
                 **about,
             }
         )
@@ -158,10 +158,10 @@ class DatasetWriter:
 
     def _write_metadata(self) -> None:
         meta = self._folder / "meta"
-        pq.write_table(pa.Table.from_pylist(self._rows), meta / "episodes" / FILE)
+        pq.write_table(pa.Table.from_pylist(self._rows), meta / "episodes" / PARQUET_FILE)
         pq.write_table(_task_table(self._tasks), meta / "tasks.parquet")
         info = {
-            "codebase_version": FORMAT_VERSION,
+            "codebase_version": DATASET_FORMAT_VERSION,
             "robot_type": self._scene.robot.name,
             "total_episodes": len(self._rows),
             "total_frames": self._frames,
@@ -175,7 +175,7 @@ class DatasetWriter:
             "video_path": None,
             "features": self._features,
         }
-        statistics = {name: found.values() for name, found in self._statistics.items()}
+        statistics = {name: found.to_dict() for name, found in self._statistics.items()}
         for name, value in (("info", info), ("stats", statistics)):
             write_atomically(meta / f"{name}.json", json.dumps(value, indent=2).encode() + b"\n")
 
@@ -184,11 +184,11 @@ class DatasetWriter:
         shape = list(values.shape[1:]) or [1]
         if values.ndim == 4:
             return {"dtype": "image", "shape": shape, "names": ["height", "width", "channels"]}
-        measured = robot_measured_mask(self._observation)
-        named = np.array(value_names(self._observation))
+        measured = make_robot_measured_mask(self._observation)
+        named = np.array(list_value_names(self._observation))
         names = {
             STATE_FEATURE: named[measured],
-            ENVIRONMENT_STATE: named[~measured],
+            ENVIRONMENT_STATE_FEATURE: named[~measured],
             UNUSED_STATE_FEATURE: named[~measured],
             "action": np.array(self._scene.action_names),
         }.get(name)
@@ -231,7 +231,7 @@ class FeatureStatistics:
         total._is_image = self._is_image
         return total
 
-    def values(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Returns the statistics by their names in the format.
 
         Each statistic is a list with a value per component, or for images a nested list of shape (channels, 1, 1).
@@ -286,21 +286,21 @@ def write_dataset(folder: Path, episodes: Iterable[DatasetEpisode], **about: Any
     """Write episodes into a new folder. ``about`` contains the keyword arguments of ``DatasetWriter``."""
     with DatasetWriter(folder, **about) as writer:
         for episode in episodes:
-            writer.add(episode)
+            writer.add_episode(episode)
 
 
 def _arrow(values: NumpyArray) -> pa.Array:
     if values.ndim == 1:
         return pa.array(values)
     if values.ndim == 4:
-        return pa.array([{"bytes": _png(image), "path": None} for image in values], IMAGE_TYPE)
+        return pa.array([{"bytes": _png(image), "path": None} for image in values], ARROW_IMAGE_TYPE)
     if values.ndim == 3:
         rows = pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[2])
         return pa.FixedSizeListArray.from_arrays(rows, values.shape[1])
     return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
 
 
-IMAGE_TYPE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+ARROW_IMAGE_TYPE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 """Arrow type of images in Hugging Face datasets."""
 
 

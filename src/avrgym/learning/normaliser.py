@@ -10,10 +10,10 @@ import torch
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 
 from avrgym.array_types import FloatArray
-from avrgym.geometry.arrays import namespace, to_device_of, to_numpy
+from avrgym.geometry.arrays import get_namespace, to_device_of, to_numpy
 from avrgym.learning.rollouts import Rollout
-from avrgym.tasks.observation import Observation
-from avrgym.tasks.registry import task_and_scene
+from avrgym.tasks.observation import ObservationSpec
+from avrgym.tasks.registry import find_task_and_scene
 
 OBSERVATION_CLIP, REWARD_CLIP = 5.0, 10.0
 
@@ -30,10 +30,10 @@ class ObservationScales(Protocol):
     def scale(self) -> FloatArray: ...
 
 
-def observation_of(environment: str) -> Observation:
+def make_observation_description(environment: str) -> ObservationSpec:
     """Returns the size and the fixed scales of the observation in an environment."""
-    task, scene = task_and_scene(environment)
-    return task.observation(scene)
+    task, scene = find_task_and_scene(environment)
+    return task.make_observation_spec(scene)
 
 
 class ObservationMoments(RunningMeanStd):
@@ -65,20 +65,20 @@ class Normaliser:
 
     def normalize_obs(self, obs: Any) -> Any:
         """Returns normalised observations (…, O): mean 0, standard deviation 1, clipped, single precision."""
-        xp = namespace(obs)
+        xp = get_namespace(obs)
         deviation = np.sqrt(self.obs_rms.var + self.epsilon)
         scaled = (obs - to_device_of(self.obs_rms.mean, obs)) / to_device_of(deviation, obs)
         return xp.astype(xp.clip(scaled, -self.clip_obs, self.clip_obs), xp.float32)
 
     def update_observations(self, rollout: Rollout) -> None:
         """Update mean and variance of observations with the observations of a rollout."""
-        observations, xp = rollout.observations, namespace(rollout.observations)
+        observations, xp = rollout.observations, get_namespace(rollout.observations)
         _update(self.obs_rms, xp.astype(observations.reshape(-1, observations.shape[-1]), xp.float64))
 
     def normalize_rewards(self, rollout: Rollout) -> Any:
         """Update mean and variance of the discounted returns. Returns the rewards (T, n), divided by the standard
         deviation of the returns, and clipped."""
-        rewards, xp = rollout.rewards, namespace(rollout.rewards)
+        rewards, xp = rollout.rewards, get_namespace(rollout.rewards)
         discounted = xp.zeros(rewards.shape[1], dtype=xp.float64, device=rewards.device)
         returns: list[Any] = []
         for reward in rewards:
@@ -88,7 +88,7 @@ class Normaliser:
         scaled = rewards / to_device_of(np.sqrt(self.ret_rms.var + self.epsilon), rewards)
         return xp.astype(xp.clip(scaled, -REWARD_CLIP, REWARD_CLIP), xp.float32)
 
-    def state(self) -> dict[str, Any]:
+    def checkpoint_state(self) -> dict[str, Any]:
         """Returns the running means and variances of observations and returns, for a checkpoint."""
         return {"observations": _moments(self.obs_rms), "returns": _moments(self.ret_rms)}
 
@@ -102,7 +102,7 @@ class Normaliser:
 
 def _update(moments: RunningMeanStd, samples: Any) -> None:
     """Update mean and variance with samples (S, …). From a device, only mean and variance are copied to the host."""
-    xp = namespace(samples)
+    xp = get_namespace(samples)
     mean, variance = (to_numpy(moment(samples, axis=0)) for moment in (xp.mean, xp.var))
     moments.update_from_moments(mean, variance, len(samples))
 

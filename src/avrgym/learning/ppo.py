@@ -50,7 +50,7 @@ def make_ppo(
     """Create and return an untrained PPO model of Stable-Baselines3, without an environment."""
 
     def learning_rate(remaining: float) -> float:
-        return configuration.learning_rate_at((1.0 - remaining) * configuration.steps)
+        return configuration.compute_learning_rate((1.0 - remaining) * configuration.steps)
 
     torch.set_num_threads(
         1
@@ -82,7 +82,7 @@ def make_ppo(
     return model
 
 
-def trained_steps(model: PPO) -> int:
+def count_trained_timesteps(model: PPO) -> int:
     """Returns the number of environment steps for which a model was trained."""
     return cast(int, model.num_timesteps)
 
@@ -90,12 +90,12 @@ def trained_steps(model: PPO) -> int:
 def set_log_std(model: PPO, configuration: FeedforwardConfiguration) -> None:
     """Set the exploration noise (``log_std``) of a model for its next update."""
     with torch.no_grad():
-        model.policy.log_std.fill_(configuration.log_std_at(trained_steps(model)))
+        model.policy.log_std.fill_(configuration.compute_log_std(count_trained_timesteps(model)))
 
 
 def set_actor_trainable(model: PPO, configuration: FeedforwardConfiguration) -> None:
     """Freeze the actor if only the critic learns (first updates after imitation); otherwise unfreeze it."""
-    learns = configuration.actor_learns_at(trained_steps(model))
+    learns = configuration.is_actor_learning(count_trained_timesteps(model))
     model.policy.mlp_extractor.policy_net.requires_grad_(learns)
     model.policy.action_net.requires_grad_(learns)
 
@@ -105,12 +105,12 @@ def update_agent(agent: Agent, rollout: Rollout, last: int, update: PolicyUpdate
     model, normaliser = agent
     rewards = normaliser.normalize_rewards(rollout)
     observations = normaliser.normalize_obs(rollout.observations)
-    model._update_current_progress_remaining(trained_steps(model), last)  # pyright: ignore[reportPrivateUsage]
+    model._update_current_progress_remaining(count_trained_timesteps(model), last)  # pyright: ignore[reportPrivateUsage]
     update(model, observations, rollout.actions, rewards)
     normaliser.update_observations(rollout)
 
 
-def update_on_host(model: PPO, observations: Any, actions: Any, rewards: Any) -> None:
+def update_ppo_on_host(model: PPO, observations: Any, actions: Any, rewards: Any) -> None:
     """Perform a PPO update with Stable-Baselines3 on the host (a ``PolicyUpdateFunction``)."""
     _fill(model, observations, actions, rewards)
     model.train()
@@ -138,7 +138,7 @@ def _fill(model: PPO, observations: Float32Array, actions: Float32Array, rewards
     buffer.compute_returns_and_advantage(last_values, truncated)
 
 
-def agent_state(agent: Agent) -> dict[str, Any]:
+def make_agent_state(agent: Agent) -> dict[str, Any]:
     """Returns the state of an agent for a checkpoint: network, optimizer and normaliser."""
     model, normaliser = agent
     return {
@@ -146,12 +146,12 @@ def agent_state(agent: Agent) -> dict[str, Any]:
         "updates": model._n_updates,  # pyright: ignore[reportPrivateUsage]
         "policy": model.policy.state_dict(),
         "optimizer": model.policy.optimizer.state_dict(),
-        **normaliser.state(),
+        **normaliser.checkpoint_state(),
     }
 
 
 def restore_agent(agent: Agent, state: dict[str, Any]) -> None:
-    """Restore network, optimizer and normaliser of an agent from the result of ``agent_state``."""
+    """Restore network, optimizer and normaliser of an agent from the result of ``make_agent_state``."""
     model, normaliser = agent
     model.policy.load_state_dict(state["policy"])
     model.policy.optimizer.load_state_dict(state["optimizer"])

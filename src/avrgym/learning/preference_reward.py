@@ -23,7 +23,7 @@ def read_preference_weights(file: Path, environment: str) -> dict[str, float]:
         ValueError: if the file contains no weights for the task, or weights of unknown reward terms.
     """
     task, _ = find_environment(environment)
-    allowed = {*TASKS[task].weights, FORCE_TERM}
+    allowed = {*TASKS[task].reward_weights, FORCE_TERM}
     try:
         models: dict[str, dict[str, Any]] = {model["task"]: model for model in json.loads(file.read_bytes())}
         weights = None if task not in models else {**models[task]["weights"]}

@@ -27,12 +27,12 @@ class Recipe(Protocol):
     after each update."""
 
     @property
-    def steps(self) -> int:
+    def num_timesteps(self) -> int:
         """Returns the number of completed environment steps."""
         ...
 
     @property
-    def final_action_stds(self) -> tuple[float, ...]:
+    def candidate_action_stds(self) -> tuple[float, ...]:
         """Returns candidates for the action standard deviation of the trained policy. The one with the highest success
         rate is selected.
         """
@@ -42,14 +42,14 @@ class Recipe(Protocol):
         """Run an episode in every world, and learn from all episodes. Returns the results of this update."""
         ...
 
-    def policies(self, metadata: PolicyMetadata) -> list[Policy]:
+    def export_policies(self, metadata: PolicyMetadata) -> list[Policy]:
         """Returns the current policy of the robot, and that of the human if a human is trained."""
         ...
 
-    def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
+    def checkpoint_state(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Returns the state for a checkpoint: a dictionary of tensors, and a dictionary of plain values."""
         ...
 
     def restore(self, tensors: dict[str, Any], values: dict[str, Any]) -> None:
-        """Restore the recipe from the dictionaries that ``state`` returned."""
+        """Restore the recipe from the dictionaries that ``checkpoint_state`` returned."""
         ...

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from avrgym.learning.hyperparameters import RECURRENT_HYPERPARAMETERS
 from avrgym.learning.normaliser import Normaliser
 from avrgym.networks.layers import GatedRecurrentUnit
-from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.policies.trained_policies import Policy, PolicyMetadata
 
 
 class RecurrentNetwork(nn.Module):
@@ -34,7 +34,7 @@ class RecurrentNetwork(nn.Module):
         memory = policy.memory
         assert memory is not None
         net_arch = tuple(len(bias) for bias in policy.biases[:-1])
-        network = cls(policy.observation_size, memory.units, net_arch, policy.action_size)
+        network = cls(policy.observation_size, memory.num_units, net_arch, policy.action_size)
         arrays = {
             "memory.weight_ih_l0": memory.input_weight,
             "memory.bias_ih_l0": memory.input_bias,
@@ -76,7 +76,7 @@ class RecurrentNetwork(nn.Module):
         )
 
 
-def bptt_windows(episode_steps: int) -> Iterator[slice]:
+def make_bptt_windows(episode_steps: int) -> Iterator[slice]:
     """Returns the windows (slices) of an episode for truncated backpropagation through time."""
     steps = RECURRENT_HYPERPARAMETERS.bptt_steps
     return (slice(first, min(first + steps, episode_steps)) for first in range(0, episode_steps, steps))
@@ -95,13 +95,15 @@ def fit_network(
     The arguments of ``loss`` are the outputs of a window (t, n, A) and the same window of each target (T, n, ...).
     """
     memory = None
-    for window in bptt_windows(len(targets[0])):
+    for window in make_bptt_windows(len(targets[0])):
         outputs, memory = network(observations[window], memory)
-        gradient_step(optimizer, network, loss(outputs, *(each[window] for each in targets)), max_grad_norm)
+        take_gradient_step(
+            optimizer, network, loss(outputs, *(each[window] for each in targets)), max_grad_norm
+        )
         memory = memory.detach()
 
 
-def gradient_step(
+def take_gradient_step(
     optimizer: torch.optim.Optimizer, network: nn.Module, loss: Tensor, max_grad_norm: float
 ) -> None:
     """Make one step of the optimizer. The norm of the gradient is clipped to ``max_grad_norm``."""

@@ -15,7 +15,12 @@ from torch import Tensor
 from torch.nn.functional import mse_loss
 
 from avrgym.learning.hyperparameters import RECURRENT_HYPERPARAMETERS
-from avrgym.learning.recurrent_network import RecurrentNetwork, bptt_windows, fit_network, gradient_step
+from avrgym.learning.recurrent_network import (
+    RecurrentNetwork,
+    fit_network,
+    make_bptt_windows,
+    take_gradient_step,
+)
 
 
 class RecurrentPPO:
@@ -36,7 +41,7 @@ class RecurrentPPO:
             self._critic.parameters(), RECURRENT_HYPERPARAMETERS.critic_learning_rate
         )
 
-    def state(self) -> dict[str, Any]:
+    def checkpoint_state(self) -> dict[str, Any]:
         """Returns the state of the critic and of both optimizers (policy and critic), for a checkpoint."""
         return {name: part.state_dict() for name, part in self._parts.items()}
 
@@ -77,7 +82,7 @@ class RecurrentPPO:
         with torch.no_grad():
             values = self._critic(observations)[0][..., 0]
             old_log_prob = _log_prob(self._network(observations[:-1])[0], actions, action_std)
-        advantage = generalised_advantages(rewards, values)
+        advantage = compute_generalised_advantages(rewards, values)
         returns = advantage + values[:-1]
         advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
         learns = learning_rate > 0.0
@@ -119,19 +124,19 @@ class RecurrentPPO:
     ) -> list[float]:
         """Make the policy's gradient steps. Returns the approximate Kullback-Leibler divergence of each window."""
         memory, divergences, clip_range = None, list[float](), RECURRENT_HYPERPARAMETERS.clip_range
-        for window in bptt_windows(len(actions)):
+        for window in make_bptt_windows(len(actions)):
             means, memory = self._network(observations[window], memory)
             log_ratio = _log_prob(means, actions[window], action_std) - old_log_prob[window]
             ratio = log_ratio.exp()
             clipped = ratio.clamp(1.0 - clip_range, 1.0 + clip_range)
             loss = -torch.minimum(ratio * advantage[window], clipped * advantage[window]).mean()
-            gradient_step(self._optimizer, self._network, loss, RECURRENT_HYPERPARAMETERS.max_grad_norm)
+            take_gradient_step(self._optimizer, self._network, loss, RECURRENT_HYPERPARAMETERS.max_grad_norm)
             memory = memory.detach()
             divergences.append(float((ratio - 1.0 - log_ratio).mean().detach()))
         return divergences
 
 
-def generalised_advantages(
+def compute_generalised_advantages(
     rewards: Tensor,
     values: Tensor,
     gamma: float = RECURRENT_HYPERPARAMETERS.gamma,

@@ -2,8 +2,8 @@
 
 The imitated expert uses the whole state of the person, without tremor. The policy receives only observations. It must
 infer the rest of the state with its memory (Chen et al., "Learning by cheating", CoRL 2019). Imitation is dataset
-aggregation; the loss is the error of the tool's motion, see ``tool_motion_loss``. Then PPO maximises the task's reward
-minus penalties for the force on the person.
+aggregation; the loss is the error of the tool's motion, see ``compute_tool_motion_loss``. Then PPO maximises the
+task's reward minus penalties for the force on the person.
 
 Training uses several groups of simulated people: one group for each of ``ASSISTIVE_GYM_IMPAIRMENTS`` (by default people
 of ``zoo/train``), and one group of static people of ``revised``. Each imitation update uses one group, each PPO update
@@ -25,30 +25,30 @@ from numpy.typing import NDArray
 from torch.optim.lr_scheduler import ExponentialLR
 
 from avrgym.array_types import BoolArray, Float32Array
-from avrgym.learning.configuration import RecurrentConfiguration, stored_people_path
-from avrgym.learning.hyperparameters import RECURRENT_HYPERPARAMETERS, hyperparameters_of
-from avrgym.learning.imitation import Demonstration, Demonstrations
-from avrgym.learning.normaliser import Normaliser, observation_of
+from avrgym.learning.configuration import RecurrentConfiguration, find_stored_people
+from avrgym.learning.hyperparameters import RECURRENT_HYPERPARAMETERS, make_hyperparameters
+from avrgym.learning.imitation import Demonstration, DemonstrationDataset
+from avrgym.learning.normaliser import Normaliser, make_observation_description
 from avrgym.learning.recipe import UpdateResults
 from avrgym.learning.recurrent_network import RecurrentNetwork, fit_network
 from avrgym.learning.recurrent_ppo import RecurrentPPO
 from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out
-from avrgym.learning.tool_loss import ToolMotionModel, tool_motion_loss
-from avrgym.people.population_names import ASSISTIVE_GYM_IMPAIRMENTS, REVISED
+from avrgym.learning.tool_loss import ToolMotionModel, compute_tool_motion_loss
+from avrgym.people.population_names import ASSISTIVE_GYM_IMPAIRMENTS, REVISED_POPULATION
 from avrgym.policies import registry
-from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.policies.trained_policies import Policy, PolicyMetadata
 from avrgym.system import random_streams
 from avrgym.system.transferred_files import TransferredFile
-from avrgym.tasks.registry import observation_and_action_size, task_and_scene
+from avrgym.tasks.registry import find_task_and_scene, get_observation_and_action_size
 
-STATIONARY_POPULATION = (REVISED, "none")
+STATIC_PEOPLE = (REVISED_POPULATION, "none")
 """Population and impairment of the training group with static people."""
 TEACHER_FILE, INITIAL_POLICY_FILE = "teacher.safetensors", "initial.safetensors"
 """Names of the copies of the teacher and of the initial policy in the folder of a training run."""
 
 
 @dataclass(frozen=True)
-class ArmDemonstration(Demonstration):
+class DemonstrationWithArmAngles(Demonstration):
     """A demonstration (T, N, ...) that also contains the angles of the arm's joints, (T, N, J)."""
 
     joint_positions: Float32Array
@@ -100,15 +100,15 @@ class RecurrentRecipe:
     """Recipe of recurrent policies (``--recipe adaptive``), an implementation of ``recipe.Recipe``."""
 
     def __init__(self, configuration: RecurrentConfiguration, out: Path) -> None:
-        self._people = stored_people_path(configuration.people, out)
+        self._people = find_stored_people(configuration.people, out)
         self._configuration = configuration
         self._teacher = None if configuration.teacher is None else Policy.load(out / TEACHER_FILE)
         self._initial = None if configuration.initial is None else Policy.load(out / INITIAL_POLICY_FILE)
-        observation_size, action_size = observation_and_action_size(configuration.environment)
-        _, scene = task_and_scene(configuration.environment, configuration.settings)
+        observation_size, action_size = get_observation_and_action_size(configuration.environment)
+        _, scene = find_task_and_scene(configuration.environment, configuration.settings)
         self._tool_motion = ToolMotionModel(scene)
         self._normaliser = Normaliser(
-            observation_of(configuration.environment), RECURRENT_HYPERPARAMETERS.gamma
+            make_observation_description(configuration.environment), RECURRENT_HYPERPARAMETERS.gamma
         )
         torch.set_num_threads(1)  # more threads would change the order of sums
         with torch.random.fork_rng(devices=[]):
@@ -122,16 +122,16 @@ class RecurrentRecipe:
                 self._normaliser.obs_rms.mean = self._initial.observation_mean.copy()
                 self._normaliser.obs_rms.var = self._initial.observation_variance.copy()
             self._ppo = RecurrentPPO(self._network, observation_size)
-        self._demonstrations = Demonstrations(out, ArmDemonstration)
+        self._demonstrations = DemonstrationDataset(out, DemonstrationWithArmAngles)
         self._updates = 0
 
     @property
-    def steps(self) -> int:
+    def num_timesteps(self) -> int:
         return self._updates * self._configuration.steps_per_update
 
     @property
-    def final_action_stds(self) -> tuple[float, ...]:
-        return RECURRENT_HYPERPARAMETERS.final_action_stds
+    def candidate_action_stds(self) -> tuple[float, ...]:
+        return RECURRENT_HYPERPARAMETERS.candidate_action_stds
 
     def update(self) -> UpdateResults:
         imitates = self._updates < self._configuration.imitation_updates
@@ -139,7 +139,7 @@ class RecurrentRecipe:
         self._updates += 1
         return update
 
-    def policies(self, metadata: PolicyMetadata) -> list[Policy]:
+    def export_policies(self, metadata: PolicyMetadata) -> list[Policy]:
         steps, seconds, curve = metadata.steps, metadata.seconds, metadata.curve
         if self._initial is not None:
             before = self._initial.metadata
@@ -155,11 +155,11 @@ class RecurrentRecipe:
         )
         return [self._network.to_policy(self._normaliser, metadata)]
 
-    def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
+    def checkpoint_state(self) -> tuple[dict[str, Any], dict[str, Any]]:
         tensors = {
             "network": self._network.state_dict(),
-            "ppo": self._ppo.state(),
-            **self._normaliser.state(),
+            "ppo": self._ppo.checkpoint_state(),
+            **self._normaliser.checkpoint_state(),
         }
         return tensors, {"rounds": self._updates}
 
@@ -169,21 +169,23 @@ class RecurrentRecipe:
         self._normaliser.restore(tensors)
         self._updates = values["rounds"]
         if self._updates < self._configuration.imitation_updates:
-            self._demonstrations.read(self._updates)
+            self._demonstrations.read_rounds(self._updates)
 
     def _imitate(self, number: int) -> UpdateResults:
         configuration = self._configuration
-        random = random_streams.imitation_generator(configuration.seed, number)
-        expert_drives = random.random(configuration.num_envs) < RECURRENT_HYPERPARAMETERS.expert_share**number
+        random = random_streams.make_imitation_rng(configuration.seed, number)
+        expert_drives = (
+            random.random(configuration.num_envs) < RECURRENT_HYPERPARAMETERS.expert_fraction**number
+        )
         turn, still = divmod(number, 2)
         impairment = ASSISTIVE_GYM_IMPAIRMENTS[turn % len(ASSISTIVE_GYM_IMPAIRMENTS)]
-        partner = STATIONARY_POPULATION if still else (self._people, impairment)
+        partner = STATIC_PEOPLE if still else (self._people, impairment)
         request = RolloutRequest(
             self._settings(*partner),
             0,
             self._episode_seeds(number),
             noise_seed=(configuration.seed, number),
-            expert_controlled=expert_drives,
+            expert_controlled_mask=expert_drives,
             teacher=self._teacher,
         )
         rollout = roll_out(self._policy(0.0 if self._teacher is None else self._teacher.action_std), request)
@@ -191,19 +193,19 @@ class RecurrentRecipe:
             self._normaliser.update_observations(rollout)
         assert rollout.joint_positions is not None
         self._demonstrations.append(
-            ArmDemonstration(rollout.observations[:-1], rollout.actions, rollout.joint_positions)
+            DemonstrationWithArmAngles(rollout.observations[:-1], rollout.actions, rollout.joint_positions)
         )
         self._fit(random, last=number == configuration.imitation_updates - 1)
         return _results("imitation", rollout, ~expert_drives)
 
     def _improve(self, number: int) -> UpdateResults:
         configuration = self._configuration
-        progress = configuration.ppo_progress(number)
+        progress = configuration.compute_ppo_progress(number)
         action_std = float(np.exp(np.interp(progress, (0.0, 1.0), RECURRENT_HYPERPARAMETERS.log_std)))
         policy, seeds = self._policy(action_std), self._episode_seeds(number)
         partners = [
             *((self._people, impairment) for impairment in ASSISTIVE_GYM_IMPAIRMENTS),
-            STATIONARY_POPULATION,
+            STATIC_PEOPLE,
         ]
         parts = np.array_split(np.arange(configuration.num_envs), len(partners))
         requests = [
@@ -216,7 +218,7 @@ class RecurrentRecipe:
                 max_rewarded_force_n=RECURRENT_HYPERPARAMETERS.max_rewarded_force_n,
                 overload_weight=RECURRENT_HYPERPARAMETERS.overload_weight,
                 preference_weights=configuration.preference_weights,
-                detour_weight_per_m=hyperparameters_of(configuration.environment).detour_weight_per_m,
+                detour_weight_per_m=make_hyperparameters(configuration.environment).detour_weight_per_m,
             )
             for partner, worlds in zip(partners, parts, strict=True)
             if len(worlds)
@@ -227,7 +229,7 @@ class RecurrentRecipe:
             torch.as_tensor(rollout.actions),
             torch.as_tensor(self._normaliser.normalize_rewards(rollout)),
             action_std,
-            random_streams.imitation_generator(configuration.seed, number),
+            random_streams.make_imitation_rng(configuration.seed, number),
             self._learning_rate(number, progress),
         )
         return _results("PPO", rollout, slice(None))
@@ -235,14 +237,14 @@ class RecurrentRecipe:
     def _learning_rate(self, number: int, progress: float) -> float:
         """Returns PPO's learning rate in an update; 0 while only the critic learns."""
         imitates = self._configuration.imitation_updates
-        if number < imitates + RECURRENT_HYPERPARAMETERS.critic_updates:
+        if number < imitates + RECURRENT_HYPERPARAMETERS.critic_only_updates:
             return 0.0
         first = (
             RECURRENT_HYPERPARAMETERS.learning_rate
             if imitates
             else RECURRENT_HYPERPARAMETERS.learning_rate_without_imitation
         )
-        return first * max(RECURRENT_HYPERPARAMETERS.final_lr_share, 1.0 - progress)
+        return first * max(RECURRENT_HYPERPARAMETERS.final_lr_fraction, 1.0 - progress)
 
     def _settings(self, people: str, impairment: str) -> WorldSettings:
         configuration = self._configuration
@@ -258,7 +260,7 @@ class RecurrentRecipe:
         )
 
     def _episode_seeds(self, number: int) -> NDArray[np.int64]:
-        random = random_streams.episode_seed_generator(self._configuration.seed, number)
+        random = random_streams.make_episode_seed_rng(self._configuration.seed, number)
         return random.integers(2**31, size=self._configuration.num_envs)
 
     def _policy(self, action_std: float) -> Policy:
@@ -266,7 +268,9 @@ class RecurrentRecipe:
         return self._network.to_policy(self._normaliser, metadata, action_std)
 
     def _fit(self, random: np.random.Generator, *, last: bool) -> None:
-        """Fit the network to all demonstrations with ``tool_motion_loss``. The last round has more gradient steps."""
+        """Fit the network to all demonstrations with ``compute_tool_motion_loss``. The last round has more gradient
+        steps.
+        """
         observed, actions, joint_positions = (
             self._demonstrations.concatenate(name, axis=1)
             for name in ("observations", "actions", "joint_positions")
@@ -292,13 +296,13 @@ class RecurrentRecipe:
             )
             targets = [
                 actions[:, columns],
-                self._tool_motion.scaled_action_jacobian(joint_positions[:, columns]),
+                self._tool_motion.compute_scaled_jacobian(joint_positions[:, columns]),
             ]
             fit_network(
                 self._network,
                 optimizer,
                 observations[:, columns],
-                tool_motion_loss,
+                compute_tool_motion_loss,
                 targets,
                 RECURRENT_HYPERPARAMETERS.imitation_max_grad_norm,
             )
@@ -307,7 +311,7 @@ class RecurrentRecipe:
 
 def _results(stage: str, rollout: Rollout, own: slice | BoolArray) -> UpdateResults:
     """Returns mean reward and success rate of the episodes ``own``, in which the policy controlled the robot."""
-    episodes = rollout.episode_results(own)
+    episodes = rollout.list_episode_results(own)
     if not episodes:
         return UpdateResults(stage, None, None)
     reward, success = (sum(column) / len(column) for column in zip(*episodes, strict=True))

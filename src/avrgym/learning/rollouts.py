@@ -13,20 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.array_types import BoolArray, Float32Array, FloatArray
-from avrgym.geometry.arrays import namespace, to_device_of, to_numpy
+from avrgym.geometry.arrays import get_namespace, to_device_of, to_numpy
 from avrgym.learning.preference_reward import preference_reward
 from avrgym.policies.actors import Actor, DeviceActor
-from avrgym.policies.trained import Policy
+from avrgym.policies.trained_policies import Policy
 from avrgym.safety.limits import TRANSIENT_LIMIT_N
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.system import random_streams
-from avrgym.system.engines import THREADS
+from avrgym.system.engine_names import THREADS
 from avrgym.system.random_streams import NoiseGeneratorFactory
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.control_loop import StepOutcome
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.filtered import filter_tremor
+from avrgym.tasks.experts.filtered_expert import filter_tremor
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.tasks.task import Controller
 
@@ -54,12 +54,12 @@ class RolloutRequest:
     """A request to run whole episodes in n worlds of a training run.
 
     Attributes:
-        settings: settings of the worlds in which the episodes run.
+        world_settings: settings of the worlds in which the episodes run.
         first_world_index: number of the first of these worlds in the training run.
         episode_seeds: seeds of the episodes, (n,).
         noise_seed: two numbers, usually the seed of the training run and the number of past environment steps. These
             two numbers and the number of the world are the seed of the exploration noise. ``None``: no noise.
-        expert_controlled: mask (n,) of the worlds that an expert controls, see ``_expert_for``. With a mask, the
+        expert_controlled_mask: mask (n,) of the worlds that an expert controls, see ``_expert_for``. With a mask, the
             expert's actions are recorded in all worlds. Experts compute on the host only. ``None``: no expert.
         teacher: a policy that replaces the task's expert; it acts without noise.
         force_weight_per_n: reward penalty per newton on the person.
@@ -69,14 +69,14 @@ class RolloutRequest:
         detour_weight_per_m: reward penalty per metre of the tool's detour. The last step of an episode has no such
             penalty.
         preference_weights: weights of reward terms for an additional reward, see ``preference_reward``.
-        shared_reward: whether a trained human receives the robot's reward, see ``Episodes.human_reward``.
+        shared_reward: whether a trained human receives the robot's reward, see ``Episodes.compute_human_reward``.
     """
 
-    settings: WorldSettings
+    world_settings: WorldSettings
     first_world_index: int
     episode_seeds: NDArray[np.int64]
     noise_seed: tuple[int, int] | None = None
-    expert_controlled: BoolArray | None = None
+    expert_controlled_mask: BoolArray | None = None
     teacher: Policy | None = None
     force_weight_per_n: float = 0.0
     max_rewarded_force_n: float = np.inf
@@ -94,8 +94,8 @@ class Rollout:
     (T, n, A) are the policy's actions before clipping, or the expert's actions. ``rewards`` (T, n) contain the
     request's penalties. ``joint_positions`` (T, n, J) are angles before each step; ``None`` without an expert. If the
     worlds are on a device, these arrays are tensors. The results per episode (n,) are always on the host:
-    ``episode_return`` (the sum of the task's rewards without penalties), ``success`` and ``episode_force_n`` (the mean
-    force on the person).
+    ``episode_return`` (the sum of the task's rewards without penalties), ``success`` and ``episode_mean_force_n``
+    (the mean force on the person).
     """
 
     observations: Any
@@ -103,7 +103,7 @@ class Rollout:
     rewards: Any
     episode_return: FloatArray
     success: BoolArray
-    episode_force_n: FloatArray
+    episode_mean_force_n: FloatArray
     joint_positions: Float32Array | None = None
 
     @classmethod
@@ -124,7 +124,7 @@ class Rollout:
         arrays = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: array for name, array in arrays.items() if array is not None}
 
-    def episode_results(self, of: slice | BoolArray = slice(None)) -> list[tuple[float, bool]]:
+    def list_episode_results(self, of: slice | BoolArray = slice(None)) -> list[tuple[float, bool]]:
         """Returns a list of the return and the success of each episode. ``of`` selects some episodes."""
         return [*zip(self.episode_return[of].tolist(), self.success[of].tolist(), strict=True)]
 
@@ -149,28 +149,30 @@ def roll_out_agents(policies: Sequence[Policy], request: RolloutRequest) -> list
     """
     count = len(request.episode_seeds)
     by_region = request.overload_weight > 0.0
-    worlds = cached_worlds(request.settings, count, human_actions=len(policies) > 1, by_region=by_region)
-    generators = [random_streams.training_episode_generator(int(seed)) for seed in request.episode_seeds]
+    worlds = load_cached_worlds(
+        request.world_settings, count, human_actions=len(policies) > 1, by_region=by_region
+    )
+    generators = [random_streams.make_training_episode_rng(int(seed)) for seed in request.episode_seeds]
     first = worlds.reset(np.arange(count), generators)
-    xp: Any = namespace(first)
-    robot = _Agent(policies[0], random_streams.robot_noise_generator, request, first)
+    xp: Any = get_namespace(first)
+    robot = _Agent(policies[0], random_streams.make_robot_noise_rng, request, first)
     humans = [
-        _Agent(policy, random_streams.human_noise_generator, request, worlds.human_observation())
+        _Agent(policy, random_streams.make_human_noise_rng, request, worlds.observe_humans())
         for policy in policies[1:]
     ]
-    expert = None if request.expert_controlled is None else _expert_for(policies[0], request, worlds)
+    expert = None if request.expert_controlled_mask is None else _expert_for(policies[0], request, worlds)
     returns = force_n = xp.zeros(count, dtype=xp.float64, device=first.device)
     success: Any = None
     joint_positions: list[FloatArray] = []
-    length = request.settings.episode_steps
+    length = request.world_settings.episode_steps
     for number in range(length):
         action = robot.act(number)
         if expert is not None:
-            joint_positions.append(worlds.simulation.joint_positions())
+            joint_positions.append(worlds.simulation.get_joint_positions())
             expert_action = worlds.control_loop.apply_withdrawal(np.clip(expert(worlds.observe()), -1.0, 1.0))
             robot.actions[-1] = expert_action.astype(np.float32)
-            assert request.expert_controlled is not None
-            action = np.where(request.expert_controlled[:, None], robot.actions[-1], action)
+            assert request.expert_controlled_mask is not None
+            action = np.where(request.expert_controlled_mask[:, None], robot.actions[-1], action)
         for human in humans:
             worlds.command_people(np.clip(human.act(number), -1.0, 1.0).astype(float))
         action = xp.astype(xp.clip(action, -1.0, 1.0), first.dtype)
@@ -180,8 +182,10 @@ def roll_out_agents(policies: Sequence[Policy], request: RolloutRequest) -> list
         penalty = penalty + request.overload_weight * overload
         robot.rewards.append(step.reward - penalty)
         for human in humans:
-            human.observe(worlds.human_observation())
-            reward = worlds.human_reward(step, human.actions[-1].astype(float), shared=request.shared_reward)
+            human.observe(worlds.observe_humans())
+            reward = worlds.compute_human_reward(
+                step, human.actions[-1].astype(float), shared=request.shared_reward
+            )
             human.rewards.append(reward - penalty)
         returns = returns + step.reward
         force_n = force_n + step.force_on_person_n / length
@@ -201,7 +205,7 @@ def _step_with_overload(worlds: Episodes, action: FloatArray) -> tuple[StepOutco
     """
     recorder = RegionLoadRecorder(len(action))
     step = worlds.step(action, recorder)
-    share = (recorder.loads().peak_n / TRANSIENT_LIMIT_N).max(axis=-1)
+    share = (recorder.compute_loads().peak_force_n / TRANSIENT_LIMIT_N).max(axis=-1)
     return step, np.maximum(2.0 * share - 1.0, 0.0)
 
 
@@ -212,7 +216,7 @@ def _expert_for(policy: Policy, request: RolloutRequest, worlds: Episodes) -> Co
     expert's input.
     """
     if request.teacher is not None:
-        return Actor(request.teacher, len(request.episode_seeds)).mean_actions
+        return Actor(request.teacher, len(request.episode_seeds)).compute_mean_actions
     task = worlds.task
     if policy.memory is None:
         return task.feedback_expert(worlds)
@@ -227,7 +231,7 @@ class _Agent:
         self, policy: Policy, noise: NoiseGeneratorFactory, request: RolloutRequest, first: Any
     ) -> None:
         """Create the agent for the worlds of a request. ``first`` (n, O) are the first observations."""
-        self._xp: Any = namespace(first)
+        self._xp: Any = get_namespace(first)
         self.observations: list[Any] = []
         self.actions: list[Any] = []
         self.rewards: list[Any] = []
@@ -242,7 +246,7 @@ class _Agent:
 
     def act(self, number: int) -> Any:
         """Returns the actions (n, A) in step ``number``, before clipping."""
-        mean = self._actor.mean_actions(self.observations[-1])
+        mean = self._actor.compute_mean_actions(self.observations[-1])
         self.actions.append(self._xp.astype(mean + self._noise[number], self._xp.float32))
         return self.actions[-1]
 
@@ -257,7 +261,7 @@ class _Agent:
 
 def _noise(policy: Policy, stream: NoiseGeneratorFactory, request: RolloutRequest) -> FloatArray:
     """Returns standard normal exploration noise (T, n, A). Each world has its own random stream."""
-    length = request.settings.episode_steps
+    length = request.world_settings.episode_steps
     shape = (length, policy.action_size)
     count = len(request.episode_seeds)
     if request.noise_seed is None:
@@ -274,20 +278,20 @@ def _penalty(worlds: Episodes, request: RolloutRequest, step: StepOutcome, *, la
     )
     if request.preference_weights:
         penalty = penalty - preference_reward(
-            step, request.preference_weights, request.settings.episode_steps
+            step, request.preference_weights, request.world_settings.episode_steps
         )
-    detour_m = worlds.task.detour_m
+    detour_m = worlds.task.compute_detour_m
     if last or detour_m is None or not request.detour_weight_per_m:
         return penalty
-    return penalty + request.detour_weight_per_m * detour_m(worlds.simulation.state(), worlds.task_state)
+    return penalty + request.detour_weight_per_m * detour_m(worlds.simulation.get_state(), worlds.task_state)
 
 
 def _excess_reward(limit_n: float, worlds: Episodes, step: StepOutcome) -> FloatArray:
     """Returns the reward (n,) for the part of forces above a limit. Reward terms in newtons have names that end with
     ``_n``."""
-    xp = namespace(step.reward)
+    xp = get_namespace(step.reward)
     excess = xp.zeros_like(step.reward)
-    for name, weight in worlds.task.weights.items():
+    for name, weight in worlds.task.reward_weights.items():
         if weight > 0.0 and name.endswith("_n"):
             term = step.reward_terms[name]
             excess = excess + weight * xp.maximum(term - limit_n, xp.zeros_like(term))
@@ -295,7 +299,7 @@ def _excess_reward(limit_n: float, worlds: Episodes, step: StepOutcome) -> Float
 
 
 @lru_cache(maxsize=2)
-def cached_worlds(
+def load_cached_worlds(
     settings: WorldSettings, count: int, *, human_actions: bool = False, by_region: bool = False
 ) -> Episodes:
     """Returns the worlds of a request. They are cached for two numbers of worlds, because the requests of an update
@@ -307,7 +311,7 @@ def cached_worlds(
     return Episodes(
         settings.environment,
         count,
-        people=settings.people.local_path(),
+        people=settings.people.get_local_path(),
         impairment=settings.impairment,
         num_threads=settings.threads,
         engine=settings.engine,

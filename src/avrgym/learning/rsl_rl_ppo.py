@@ -20,10 +20,10 @@ from stable_baselines3 import PPO
 from torch import Tensor, nn
 
 from avrgym.learning.configuration import FeedforwardConfiguration
-from avrgym.learning.ppo import trained_steps
+from avrgym.learning.ppo import count_trained_timesteps
 from avrgym.system import random_streams
 
-OBSERVATION_GROUP = "policy"
+OBSERVATION_GROUP_NAME = "policy"
 """Name of the observation group in RSL-RL. Actor and critic both use this group."""
 
 
@@ -73,7 +73,9 @@ class DevicePPO:
             self._store(observations[:-1], actions, rewards)
             algorithm.compute_returns(self._named(observations[-1]))
         torch.manual_seed(
-            random_streams.device_minibatch_seed(self._configuration.seed, trained_steps(model))
+            random_streams.derive_device_minibatch_seed(
+                self._configuration.seed, count_trained_timesteps(model)
+            )
         )
         losses = [algorithm.update() for _ in range(model.n_epochs)]
         model._n_updates += model.n_epochs  # pyright: ignore[reportPrivateUsage]
@@ -119,8 +121,8 @@ class DevicePPO:
         """Create and return a model of RSL-RL (actor or critic) with these layers and number of outputs."""
         net = self._libraries.models.MLPModel(
             self._named(first),
-            {OBSERVATION_GROUP: [OBSERVATION_GROUP]},
-            OBSERVATION_GROUP,
+            {OBSERVATION_GROUP_NAME: [OBSERVATION_GROUP_NAME]},
+            OBSERVATION_GROUP_NAME,
             outputs,
             hidden_dims=list(self._configuration.net_arch),
             activation="tanh",
@@ -131,7 +133,7 @@ class DevicePPO:
 
     def _named(self, observations: Tensor) -> Any:
         return self._libraries.tensordict.TensorDict(
-            {OBSERVATION_GROUP: observations}, batch_size=[len(observations)], device=observations.device
+            {OBSERVATION_GROUP_NAME: observations}, batch_size=[len(observations)], device=observations.device
         )
 
     def _store(self, observations: Tensor, actions: Tensor, rewards: Tensor) -> None:

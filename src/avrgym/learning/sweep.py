@@ -28,14 +28,14 @@ from avrgym.learning.sweep_file import (
     read_sweep,
 )
 from avrgym.learning.training import POLICY_FILE
-from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.policies.trained_policies import Policy, PolicyMetadata
 from avrgym.system.files import write_atomically
 from avrgym.system.locks import lock_folder
 
 SWEEP_FILE = "sweep.toml"
 RAY_TUNE_FOLDER = "schedule"
 """Name of the folder with Ray Tune's state. It has a subfolder for each group of training runs."""
-MISSING_REWARD = -1e9
+PLACEHOLDER_REWARD = -1e9
 """Mean reward that Ray Tune receives before the first episode ends."""
 
 SweepReporter = Callable[[str, int], None]
@@ -74,7 +74,7 @@ def create_sweep(file: Path, out: Path) -> None:
     write_atomically(out / SWEEP_FILE, file.read_bytes())
 
 
-def training_runs_by_group(out: Path) -> dict[str, list[PlannedTrainingRun]]:
+def read_planned_runs(out: Path) -> dict[str, list[PlannedTrainingRun]]:
     """Returns the training runs of the sweep in a folder, by group.
 
     Raises:
@@ -138,7 +138,7 @@ def _run_group(
             param_space={
                 "training": tune.grid_search(
                     [
-                        {"folder": str(out / each.name), "configuration": asdict(each.configuration)}
+                        {"folder": str(out / each.folder_name), "configuration": asdict(each.configuration)}
                         for each in group
                     ]
                 )
@@ -177,14 +177,14 @@ def _train_one(given: dict[str, Any]) -> None:
     configuration = msgspec.convert(given["training"]["configuration"], FeedforwardConfiguration)
 
     def report(now: training.TrainingProgress) -> None:
-        reward = MISSING_REWARD if now.reward_mean is None else now.reward_mean
-        tune.report({"steps": now.steps, "reward_mean": reward})
+        reward = PLACEHOLDER_REWARD if now.reward_mean is None else now.reward_mean
+        tune.report({"steps": now.num_timesteps, "reward_mean": reward})
 
     if (complete := _complete(out)) is not None:
         tune.report({"steps": complete.steps, "reward_mean": complete.measured["reward_mean"]})
         return
     if contains_training_run(out):
-        training.resume(out, report)
+        training.resume_training(out, report)
     else:
         training.train(replace(configuration, threads=1), out, report)
 
@@ -197,14 +197,14 @@ def _complete(out: Path) -> PolicyMetadata | None:
 
 
 def _outcome(out: Path, each: PlannedTrainingRun) -> SweepResult:
-    folder = out / each.name
+    folder = out / each.folder_name
     configuration = read_configuration(folder)
     metadata = Policy.load(folder / POLICY_FILE).metadata
     measured: dict[str, Any] = metadata.measured
     return SweepResult(
         env=configuration.environment,
         people=configuration.people,
-        recipe=each.recipe,
+        recipe=each.recipe_name,
         seed=configuration.seed,
         outcome="complete" if measured else "stopped early",
         steps=metadata.steps,

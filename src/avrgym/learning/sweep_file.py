@@ -7,13 +7,13 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 from msgspec import Meta
 
-from avrgym.learning.configuration import FeedforwardConfiguration, configuration_for
-from avrgym.learning.hyperparameter_files import as_value_error, changed_hyperparameters, read_toml
+from avrgym.learning.configuration import FeedforwardConfiguration, make_feedforward_configuration
+from avrgym.learning.hyperparameter_files import change_hyperparameters, read_toml, to_value_error
 from avrgym.people.distributions import NAMED_DISTRIBUTIONS
 from avrgym.people.impairments import parse_impairment
-from avrgym.people.population_names import ORIGINAL
+from avrgym.people.population_names import ORIGINAL_POPULATION
 from avrgym.tasks.registry import find_environment
-from avrgym.tasks.world_people import environment_populations
+from avrgym.tasks.world_people import find_environment_populations
 
 RecipeName = Annotated[str, Meta(pattern="^[A-Za-z0-9_]+$")]
 
@@ -37,7 +37,7 @@ class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     environments: Annotated[tuple[str, ...], Meta(min_length=1)]
     steps: Annotated[int, Meta(ge=1)]
     seeds: Annotated[tuple[Annotated[int, Meta(ge=0)], ...], Meta(min_length=1)] = (0,)
-    people: Annotated[tuple[str, ...], Meta(min_length=1)] = (ORIGINAL,)
+    people: Annotated[tuple[str, ...], Meta(min_length=1)] = (ORIGINAL_POPULATION,)
     impairment: str = "none"
     recipes: Annotated[dict[RecipeName, dict[str, Any]], Meta(min_length=1)] = msgspec.field(
         default_factory=lambda: {"usual": {}}
@@ -48,8 +48,8 @@ class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 class PlannedTrainingRun(NamedTuple):
     """One training run of a sweep: the name of its folder, the name of its recipe, and its configuration."""
 
-    name: str
-    recipe: str
+    folder_name: str
+    recipe_name: str
     configuration: FeedforwardConfiguration
 
 
@@ -67,7 +67,7 @@ def read_sweep(path: Path) -> Sweep:
     try:
         return msgspec.convert(values, Sweep)
     except msgspec.ValidationError as error:
-        raise as_value_error(error, str(path)) from None
+        raise to_value_error(error, str(path)) from None
 
 
 def plan_training_runs(sweep: Sweep, where: str) -> dict[str, list[PlannedTrainingRun]]:
@@ -80,18 +80,18 @@ def plan_training_runs(sweep: Sweep, where: str) -> dict[str, list[PlannedTraini
     groups: dict[str, list[PlannedTrainingRun]] = {}
     for environment, people in product(dict.fromkeys(sweep.environments), dict.fromkeys(sweep.people)):
         find_environment(environment)
-        environment_populations(people, environment)
+        find_environment_populations(people, environment)
         groups[f"{environment} with {people}"] = [
             PlannedTrainingRun(
                 "-".join([environment.rpartition("/")[2], _people_label(people), recipe, str(seed)]),
                 recipe,
-                configuration_for(
+                make_feedforward_configuration(
                     environment,
                     people if people in NAMED_DISTRIBUTIONS else str(Path(people).resolve()),
                     sweep.steps,
                     seed,
                     sweep.impairment,
-                    changed_hyperparameters(changes, environment, f"{where}: recipes.{recipe}"),
+                    change_hyperparameters(changes, environment, f"{where}: recipes.{recipe}"),
                 ),
             )
             for (recipe, changes), seed in product(sweep.recipes.items(), dict.fromkeys(sweep.seeds))

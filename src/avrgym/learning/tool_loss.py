@@ -13,11 +13,11 @@ import torch
 from torch import Tensor
 
 from avrgym.array_types import Float32Array
-from avrgym.geometry.kinematics import action_jacobian
+from avrgym.geometry.kinematics import compute_action_jacobian
 from avrgym.models.scene import SceneConfig
-from avrgym.tasks.placement import arm_chain
+from avrgym.tasks.placement import make_arm_chain
 
-TRANSLATION_UNIT_M, ROTATION_UNIT_RAD = 0.02, 0.2
+LOSS_TRANSLATION_UNIT_M, LOSS_ROTATION_UNIT_RAD = 0.02, 0.2
 """Units of the tool's translation and rotation in a control step. With a lever arm of 0.1 m, a rotation of one unit
 moves a point by one unit."""
 HALF_WEIGHT_TOOL_MOTION = 0.25
@@ -31,30 +31,30 @@ class ToolMotionModel:
     """Computes the tool's motion from the actions of a scene's robot."""
 
     def __init__(self, scene: SceneConfig) -> None:
-        self._chain = arm_chain(scene)
+        self._chain = make_arm_chain(scene)
         self._reach = scene.speed_limit * scene.control_step_s
         self._drives = scene.robot.drive is not None
 
-    def scaled_action_jacobian(self, joint_positions: Float32Array) -> Tensor:
+    def compute_scaled_jacobian(self, joint_positions: Float32Array) -> Tensor:
         """Returns the Jacobian (..., 6, A) of the tool's motion in a control step, at joint positions (..., J).
 
-        Rows 0–2 are translations along x, y and z in ``TRANSLATION_UNIT_M``. Rows 3–5 are rotations about x, y and z in
-        ``ROTATION_UNIT_RAD``. Both are in the frame of the robot's base. Column a is the motion if action a is 1 and
-        all other actions are 0.
+        Rows 0–2 are translations along x, y and z in ``LOSS_TRANSLATION_UNIT_M``. Rows 3–5 are rotations about x, y
+        and z in ``LOSS_ROTATION_UNIT_RAD``. Both are in the frame of the robot's base. Column a is the motion if
+        action a is 1 and all other actions are 0.
         """
         joints = joint_positions.shape[-1]
         positions = joint_positions.reshape(-1, joints).astype(np.float64)
-        by_speed = action_jacobian(self._chain, positions, drives=self._drives)
-        units = np.repeat([TRANSLATION_UNIT_M, ROTATION_UNIT_RAD], 3)[:, None]
+        by_speed = compute_action_jacobian(self._chain, positions, drives=self._drives)
+        units = np.repeat([LOSS_TRANSLATION_UNIT_M, LOSS_ROTATION_UNIT_RAD], 3)[:, None]
         motion_per_action = (by_speed * self._reach / units).astype(np.float32)
         return torch.as_tensor(motion_per_action.reshape(*joint_positions.shape[:-1], 6, len(self._reach)))
 
 
-def tool_motion_loss(actions: Tensor, demonstrated: Tensor, motion_per_action: Tensor) -> Tensor:
+def compute_tool_motion_loss(actions: Tensor, demonstrated: Tensor, motion_per_action: Tensor) -> Tensor:
     """Returns the mean squared error of the tool's motion and of the actions, weighted by ``HALF_WEIGHT_TOOL_MOTION``.
 
     ``actions`` and ``demonstrated`` actions are (..., A). ``motion_per_action`` (..., 6, A) is from
-    ``ToolMotionModel.scaled_action_jacobian``.
+    ``ToolMotionModel.compute_scaled_jacobian``.
     """
     error = actions - demonstrated
     motion, motion_error = ((motion_per_action @ each[..., None])[..., 0] for each in (demonstrated, error))

@@ -20,15 +20,15 @@ import torch
 
 from avrgym.learning import feedforward_recipe, recurrent_recipe, visual_recipe
 from avrgym.learning.configuration import (
-    AnyConfiguration,
+    AnyTrainingConfiguration,
     FeedforwardConfiguration,
     RecurrentConfiguration,
     VisualConfiguration,
-    configuration_for,
     contains_training_run,
+    find_stored_people,
+    make_feedforward_configuration,
     read_configuration,
     store_people,
-    stored_people_path,
     write_configuration,
 )
 from avrgym.learning.evaluation import evaluate
@@ -40,14 +40,14 @@ from avrgym.learning.recurrent_recipe import RecurrentRecipe
 from avrgym.learning.visual_recipe import VisualRecipe
 from avrgym.people.impairments import parse_impairment
 from avrgym.people.populations import HUMAN_POLICY_FILE, is_trained_human
-from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.policies.trained_policies import Policy, PolicyMetadata
 from avrgym.simulation.engines.engine import check_engine_available
 from avrgym.system.files import write_atomically
 from avrgym.system.locks import lock_folder
-from avrgym.system.memory import total_memory_bytes
+from avrgym.system.memory import get_total_memory_bytes
 from avrgym.system.random_streams import VALIDATION
-from avrgym.tasks.registry import observation_and_action_size, plugins_of, task_and_scene
-from avrgym.tasks.world_people import environment_populations
+from avrgym.tasks.registry import find_plugins, find_task_and_scene, get_observation_and_action_size
+from avrgym.tasks.world_people import find_environment_populations
 
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
@@ -56,9 +56,9 @@ __all__ = [
     "POLICY_FILE",
     "TENSORBOARD_FOLDER",
     "TrainingProgress",
-    "configuration_for",
+    "make_feedforward_configuration",
     "read_configuration",
-    "resume",
+    "resume_training",
     "train",
 ]
 
@@ -81,7 +81,7 @@ class TrainingProgress:
     """
 
     stage: str
-    steps: int
+    num_timesteps: int
     reward_mean: float | None
     success_rate: float | None
 
@@ -90,7 +90,7 @@ TrainingReporter = Callable[[TrainingProgress], object]
 
 
 def train(
-    configuration: AnyConfiguration,
+    configuration: AnyTrainingConfiguration,
     out: Path,
     report: TrainingReporter = lambda progress: None,
     *,
@@ -100,7 +100,7 @@ def train(
 
     If robot and human are trained together (``--recipe pair``), ``human.safetensors`` contains the human's policy. The
     policy file contains results on the validation split. After an interruption, ``out`` contains the latest policy and
-    checkpoint; ``resume`` continues the training run.
+    checkpoint; ``resume_training`` continues the training run.
 
     Args:
         configuration: settings of the training run.
@@ -133,7 +133,7 @@ def train(
         return trainer.run()
 
 
-def resume(
+def resume_training(
     out: Path,
     report: TrainingReporter = lambda progress: None,
     steps: int | None = None,
@@ -156,7 +156,7 @@ def resume(
             files are damaged.
     """
     configuration = stored = read_configuration(out)
-    _check(configuration, stored_people_path(configuration.people, out), cluster)
+    _check(configuration, find_stored_people(configuration.people, out), cluster)
     with lock_folder(out):
         if steps is not None and steps != configuration.steps:
             configuration = _lengthened(configuration, steps, out)
@@ -177,7 +177,7 @@ def _check_unused(out: Path) -> None:
         )
 
 
-def _lengthened(configuration: AnyConfiguration, steps: int, out: Path) -> AnyConfiguration:
+def _lengthened(configuration: AnyTrainingConfiguration, steps: int, out: Path) -> AnyTrainingConfiguration:
     """Returns the configuration with the total number of environment steps ``steps``."""
     policy = out / POLICY_FILE
     done = Policy.load(policy).metadata.steps if policy.exists() else 0
@@ -188,10 +188,10 @@ def _lengthened(configuration: AnyConfiguration, steps: int, out: Path) -> AnyCo
     return configuration.with_steps(steps)
 
 
-def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | None") -> None:
+def _check(configuration: AnyTrainingConfiguration, people: str, cluster: "Cluster | None") -> None:
     """Raise an error for an invalid configuration, before any file is written."""
-    task_and_scene(configuration.environment, configuration.settings)
-    environment_populations(people, configuration.environment)
+    find_task_and_scene(configuration.environment, configuration.settings)
+    find_environment_populations(people, configuration.environment)
     _check_memory(configuration, cluster)
     if isinstance(configuration, RecurrentConfiguration | VisualConfiguration):
         if cluster is not None:
@@ -203,16 +203,18 @@ def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | Non
     check_engine_available(configuration.engine)
     feedforward_recipe.check_configuration(configuration, people, cluster)
     if cluster is not None:
-        worlds = -(-configuration.num_envs // feedforward_recipe.num_rollout_requests(configuration, cluster))
+        worlds = -(
+            -configuration.num_envs // feedforward_recipe.count_rollout_requests(configuration, cluster)
+        )
         cluster.reserve_memory(worlds * ASSUMED_BYTES_PER_WORLD)
 
 
-def _check_memory(configuration: AnyConfiguration, cluster: "Cluster | None") -> None:
+def _check_memory(configuration: AnyTrainingConfiguration, cluster: "Cluster | None") -> None:
     """Raises ``ValueError`` if the worlds (with a cluster: the episodes) need more memory than this computer has."""
-    observation, action = observation_and_action_size(configuration.environment)
+    observation, action = get_observation_and_action_size(configuration.environment)
     episode = configuration.episode_steps * (3 * observation + 2 * action + 8) * np.dtype(np.float32).itemsize
     worlds = configuration.num_envs
-    needed, available = worlds * (episode if cluster else ASSUMED_BYTES_PER_WORLD), total_memory_bytes()
+    needed, available = worlds * (episode if cluster else ASSUMED_BYTES_PER_WORLD), get_total_memory_bytes()
     if available is not None and needed > available:
         raise ValueError(
             f"{worlds} worlds need {needed / 2**30:.1f} GiB of memory; this computer has "
@@ -220,7 +222,7 @@ def _check_memory(configuration: AnyConfiguration, cluster: "Cluster | None") ->
         )
 
 
-def _recipe(configuration: AnyConfiguration, out: Path, cluster: "Cluster | None") -> Recipe:
+def _recipe(configuration: AnyTrainingConfiguration, out: Path, cluster: "Cluster | None") -> Recipe:
     if isinstance(configuration, RecurrentConfiguration):
         return RecurrentRecipe(configuration, out)
     if isinstance(configuration, VisualConfiguration):
@@ -232,7 +234,11 @@ class _Trainer:
     """Runs a training run in this process, and writes checkpoints into its folder."""
 
     def __init__(
-        self, configuration: AnyConfiguration, out: Path, report: TrainingReporter, cluster: "Cluster | None"
+        self,
+        configuration: AnyTrainingConfiguration,
+        out: Path,
+        report: TrainingReporter,
+        cluster: "Cluster | None",
     ) -> None:
         self._configuration, self._out, self._report = configuration, out, report
         self._recipe = _recipe(configuration, out, cluster)
@@ -262,21 +268,21 @@ class _Trainer:
         self._curve = [(steps, reward, success) for steps, reward, success in values["curve"]]
         self._seconds_before = values["seconds"]
         finished = not (self._out / DEMONSTRATIONS_FOLDER).exists()
-        if self._recipe.steps >= self._configuration.steps and finished and self._is_evaluated():
+        if self._recipe.num_timesteps >= self._configuration.steps and finished and self._is_evaluated():
             raise ValueError(
-                f"the training run in {self._out} is complete after {self._recipe.steps} steps; "
+                f"the training run in {self._out} is complete after {self._recipe.num_timesteps} steps; "
                 "set --steps to a larger number to continue it"
             )
 
     def run(self) -> Policy:
         """Run the remaining updates, and evaluate the finished policy. Returns this policy."""
         recipe, configuration = self._recipe, self._configuration
-        while recipe.steps < configuration.steps:
+        while recipe.num_timesteps < configuration.steps:
             update = recipe.update()
             if update.reward_mean is not None and update.success_rate is not None:
-                self._curve.append((recipe.steps, update.reward_mean, update.success_rate))
+                self._curve.append((recipe.num_timesteps, update.reward_mean, update.success_rate))
             self._save()
-            number = recipe.steps // configuration.steps_per_update
+            number = recipe.num_timesteps // configuration.steps_per_update
             self._tell(f"{update.stage}, update {number} of {configuration.total_updates}")
         policy = self._evaluate()
         shutil.rmtree(self._out / DEMONSTRATIONS_FOLDER, ignore_errors=True)
@@ -284,14 +290,14 @@ class _Trainer:
 
     def _tell(self, stage: str) -> None:
         reward, success = self._curve[-1][1:] if self._curve else (None, None)
-        self._report(TrainingProgress(stage, self._recipe.steps, reward, success))
+        self._report(TrainingProgress(stage, self._recipe.num_timesteps, reward, success))
 
     def _is_evaluated(self) -> bool:
         return bool(Policy.load(self._out / POLICY_FILE).metadata.measured)
 
     def _save(self) -> None:
         """Write the checkpoint and the current policies into the folder of the training run."""
-        tensors, values = self._recipe.state()
+        tensors, values = self._recipe.checkpoint_state()
         notes = {**values, "curve": self._curve, "seconds": self._seconds}
         buffer = io.BytesIO()
         torch.save({**tensors, "notes": json.dumps(notes)}, buffer)
@@ -303,18 +309,18 @@ class _Trainer:
         metadata = PolicyMetadata(
             environment=configuration.environment,
             people=configuration.people,
-            steps=self._recipe.steps,
+            steps=self._recipe.num_timesteps,
             seed=configuration.seed,
             git_commit=_git_commit(),
             seconds=round(self._seconds, 1),
             curve=self._curve,
-            plugins=plugins_of(configuration.environment),
+            plugins=find_plugins(configuration.environment),
             force_guard=configuration.force_guard,
             settings=configuration.settings.changed_values,
         )
         return [
             with_metadata(policy, curve=downsample_curve(policy.metadata.curve))
-            for policy in self._recipe.policies(metadata)
+            for policy in self._recipe.export_policies(metadata)
         ]
 
     def _save_policies(self, policies: list[Policy]) -> None:
@@ -327,7 +333,7 @@ class _Trainer:
         """
         robot, *humans = self._policies()
         evaluated: list[Policy] = []
-        stds = self._recipe.final_action_stds
+        stds = self._recipe.candidate_action_stds
         for action_std in stds:
             noise = f" with action_std {action_std:g}" if len(stds) > 1 else ""
             self._tell(f"evaluation{noise}, {EVALUATION_EPISODES} episodes")
@@ -343,7 +349,7 @@ class _Trainer:
         """Evaluate the saved policy with the training population, or with the human that was trained together with it.
         Returns the results that the policy file stores."""
         configuration, out = self._configuration, self._out
-        people, impairment = stored_people_path(configuration.people, out), "none"
+        people, impairment = find_stored_people(configuration.people, out), "none"
         if isinstance(configuration, FeedforwardConfiguration):
             impairment = configuration.impairment
             if configuration.pairing is not None:

@@ -56,7 +56,7 @@ class TrainableVisionNetwork(nn.Module):
         joined = torch.cat([seen, rows[:, self._measured]], dim=1)
         return self.dense[2](relu(self.dense[1](joined)))
 
-    def teacher_actions(self, rows: Tensor, estimates: Tensor) -> Tensor:
+    def compute_teacher_actions(self, rows: Tensor, estimates: Tensor) -> Tensor:
         """Returns the teacher's mean actions (N, A). In its input ``rows`` (N, O), the estimates replace the
         estimated entries.
         """
@@ -67,7 +67,7 @@ class TrainableVisionNetwork(nn.Module):
         weight, bias = self._teacher[-1]
         return filled @ weight + bias
 
-    def numpy_network(self) -> VisionNetwork:
+    def to_numpy_network(self) -> VisionNetwork:
         """Returns the network with NumPy arrays instead of tensors."""
         return VisionNetwork(
             kernels=tuple(_array(each.weight).transpose(2, 3, 1, 0) for each in self.convolutions),

@@ -21,22 +21,22 @@ from torch.nn.functional import mse_loss, smooth_l1_loss
 from torch.optim.lr_scheduler import ExponentialLR
 
 from avrgym.array_types import Float32Array, FloatArray, NumpyArray
-from avrgym.learning.configuration import VisualConfiguration, stored_people_path
+from avrgym.learning.configuration import VisualConfiguration, find_stored_people
 from avrgym.learning.hyperparameters import VISUAL_HYPERPARAMETERS
-from avrgym.learning.imitation import Demonstration, Demonstrations
+from avrgym.learning.imitation import Demonstration, DemonstrationDataset
 from avrgym.learning.recipe import UpdateResults
 from avrgym.learning.visual_network import TrainableVisionNetwork
 from avrgym.models.cameras import CameraSpec, parse_cameras
-from avrgym.networks.vision import vision_input
+from avrgym.networks.vision import make_vision_input
 from avrgym.policies import registry
-from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.policies.trained_policies import Policy, PolicyMetadata
 from avrgym.system import random_streams
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import task_and_scene
+from avrgym.tasks.registry import find_task_and_scene
 
 TEACHER_FILE = "teacher.safetensors"
 """Name of the teacher's copy in the folder of a training run."""
-MEASURED_ENTRIES = ("tool_from_torso_m", "tool_rotation", "arm_angles_rad")
+MEASURED_ENTRY_NAMES = ("tool_from_torso_m", "tool_rotation", "arm_angles_rad")
 """Names of the observation's entries that are computed from the joint angles of the arm."""
 
 
@@ -53,7 +53,7 @@ def load_teacher(configuration: VisualConfiguration) -> Policy:
     Raises:
         ValueError: for a policy that cannot be a teacher, or if the robot does not have the camera.
     """
-    camera_of(configuration)
+    parse_training_camera(configuration)
     teacher = registry.resolve_policy(
         configuration.teacher, configuration.environment, configuration.settings
     )
@@ -66,13 +66,13 @@ def load_teacher(configuration: VisualConfiguration) -> Policy:
     return teacher
 
 
-def camera_of(configuration: VisualConfiguration) -> CameraSpec:
+def parse_training_camera(configuration: VisualConfiguration) -> CameraSpec:
     """Returns the camera of a training run.
 
     Raises:
         ValueError: if the robot does not have the camera, or if the images are segmentations.
     """
-    _, scene = task_and_scene(configuration.environment, configuration.settings)
+    _, scene = find_task_and_scene(configuration.environment, configuration.settings)
     (camera,) = parse_cameras([configuration.camera], scene.robot)
     if "segmentation" in camera.kinds:
         raise ValueError(
@@ -85,14 +85,14 @@ class VisualRecipe:
     """Recipe of policies with vision (``--recipe visual``), an implementation of ``recipe.Recipe``."""
 
     def __init__(self, configuration: VisualConfiguration, out: Path) -> None:
-        self._people = stored_people_path(configuration.people, out)
+        self._people = find_stored_people(configuration.people, out)
         self._configuration = configuration
         self._teacher = Policy.load(out / TEACHER_FILE)
-        self._cameras = (camera_of(configuration),)
-        task, scene = task_and_scene(configuration.environment, configuration.settings)
-        entries = task.observation(scene)
+        self._cameras = (parse_training_camera(configuration),)
+        task, scene = find_task_and_scene(configuration.environment, configuration.settings)
+        entries = task.make_observation_spec(scene)
         names = np.repeat([each.name for each in entries.entries], [each.size for each in entries.entries])
-        self._estimated = [i for i, name in enumerate(names.tolist()) if name not in MEASURED_ENTRIES]
+        self._estimated = [i for i, name in enumerate(names.tolist()) if name not in MEASURED_ENTRY_NAMES]
         (camera,) = self._cameras
         channels = sum(3 if kind == "rgb" else 1 for kind in camera.kinds)
         torch.set_num_threads(1)  # more threads would change the order of sums
@@ -101,22 +101,24 @@ class VisualRecipe:
             self._network = TrainableVisionNetwork(
                 self._teacher, self._estimated, (camera.height_px, camera.width_px, channels)
             )
-        self._demonstrations = Demonstrations(out, VisualDemonstration)
+        self._demonstrations = DemonstrationDataset(out, VisualDemonstration)
         self._worlds: Episodes | None = None
         self._rounds = 0
 
     @property
-    def steps(self) -> int:
+    def num_timesteps(self) -> int:
         return self._rounds * self._configuration.steps_per_update
 
     @property
-    def final_action_stds(self) -> tuple[float, ...]:
+    def candidate_action_stds(self) -> tuple[float, ...]:
         return (self._teacher.action_std,)
 
     def update(self) -> UpdateResults:
         number, configuration = self._rounds, self._configuration
-        random = random_streams.imitation_generator(configuration.seed, number)
-        teacher_drives = random.random(configuration.num_envs) < VISUAL_HYPERPARAMETERS.expert_share**number
+        random = random_streams.make_imitation_rng(configuration.seed, number)
+        teacher_drives = (
+            random.random(configuration.num_envs) < VISUAL_HYPERPARAMETERS.expert_fraction**number
+        )
         returns, success = self._roll_out(number, random, teacher_drives)
         self._fit(random, last=number == configuration.total_updates - 1)
         self._rounds += 1
@@ -125,18 +127,18 @@ class VisualRecipe:
             return UpdateResults("imitation", None, None)
         return UpdateResults("imitation", float(returns[own].mean()), float(success[own].mean()))
 
-    def policies(self, metadata: PolicyMetadata) -> list[Policy]:
+    def export_policies(self, metadata: PolicyMetadata) -> list[Policy]:
         metadata = msgspec.structs.replace(metadata, camera=self._configuration.camera)
-        return [replace(self._teacher, metadata=metadata, vision=self._network.numpy_network())]
+        return [replace(self._teacher, metadata=metadata, vision=self._network.to_numpy_network())]
 
-    def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
+    def checkpoint_state(self) -> tuple[dict[str, Any], dict[str, Any]]:
         return {"network": self._network.state_dict()}, {"rounds": self._rounds}
 
     def restore(self, tensors: dict[str, Any], values: dict[str, Any]) -> None:
         self._network.load_state_dict(tensors["network"])
         self._rounds = values["rounds"]
         if self._rounds < self._configuration.total_updates:
-            self._demonstrations.read(self._rounds)
+            self._demonstrations.read_rounds(self._rounds)
 
     def _roll_out(
         self, number: int, random: np.random.Generator, teacher_drives: NumpyArray
@@ -144,11 +146,11 @@ class VisualRecipe:
         """Run the first steps of an episode in each world, and store the demonstrations. Returns the sum of rewards and
         the success of each world, (N,)."""
         worlds, count = self._episodes(), self._configuration.num_envs
-        seeds = random_streams.episode_seed_generator(self._configuration.seed, number).integers(
+        seeds = random_streams.make_episode_seed_rng(self._configuration.seed, number).integers(
             2**31, size=count
         )
         observation = worlds.reset(
-            np.arange(count), [random_streams.training_episode_generator(int(seed)) for seed in seeds]
+            np.arange(count), [random_streams.make_training_episode_rng(int(seed)) for seed in seeds]
         )
         observations: list[FloatArray] = []
         actions: list[FloatArray] = []
@@ -156,7 +158,7 @@ class VisualRecipe:
         returns, success = np.zeros(count), np.zeros(count, dtype=bool)
         for _ in range(VISUAL_HYPERPARAMETERS.episode_steps):
             image = self._image(worlds)
-            taught = self._teacher.mean_actions(observation)
+            taught = self._teacher.compute_mean_actions(observation)
             observations.append(observation)
             actions.append(taught)
             images.append(image)
@@ -188,15 +190,17 @@ class VisualRecipe:
     def _image(self, worlds: Episodes) -> NumpyArray:
         """Render the camera images of all worlds. Returns the input of the network (N, H, W, C) in half precision."""
         (camera,) = self._cameras
-        images = worlds.images(self._cameras)
-        return vision_input({kind: images[f"{camera.name}_{kind}"] for kind in camera.kinds}).astype(
+        images = worlds.render_images(self._cameras)
+        return make_vision_input({kind: images[f"{camera.name}_{kind}"] for kind in camera.kinds}).astype(
             np.float16
         )
 
     def _act(self, observation: FloatArray, image: NumpyArray) -> FloatArray:
         rows = self._normalised(observation.astype(np.float32))
         with torch.no_grad():
-            return self._network.teacher_actions(rows, self._network(_channels_first(image), rows)).numpy()
+            return self._network.compute_teacher_actions(
+                rows, self._network(_channels_first(image), rows)
+            ).numpy()
 
     def _normalised(self, observations: Float32Array) -> torch.Tensor:
         return torch.as_tensor(self._teacher.normalise_observations(observations), dtype=torch.float32)
@@ -217,7 +221,7 @@ class VisualRecipe:
         for _ in range(steps):
             batch = torch.as_tensor(random.integers(len(rows), size=VISUAL_HYPERPARAMETERS.batch_size))
             estimates = self._network(_channels_first(images[batch]), rows[batch])
-            acted = self._network.teacher_actions(rows[batch], estimates).clamp(-1.5, 1.5)
+            acted = self._network.compute_teacher_actions(rows[batch], estimates).clamp(-1.5, 1.5)
             loss = smooth_l1_loss(
                 estimates, true[batch]
             ) + VISUAL_HYPERPARAMETERS.action_loss_weight * mse_loss(acted, actions[batch])

@@ -5,7 +5,7 @@ from typing import Literal, get_args
 Sex = Literal["man", "woman"]
 SEXES: tuple[Sex, ...] = ("man", "woman")
 Side = Literal["left", "right"]
-ARMS: tuple[Side, ...] = get_args(Side)
+PERSON_ARM_SIDES: tuple[Side, ...] = get_args(Side)
 """The person's arms: ``left`` and ``right``."""
 
 TrackedBodyPart = Literal["head", "left", "right"]

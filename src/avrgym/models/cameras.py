@@ -33,7 +33,9 @@ sky are background.
 STATE_ENTRY, COMMAND_ENTRY = "state", "command"
 """Keys of dictionary observations for the numbers of the observation, and for the participant's latest command."""
 AnyObservation = FloatArray | dict[str, NumpyArray]
-"""An observation (O,). With cameras: a dictionary of ``state`` (O,) and images, see ``CameraSpec.image_entries``."""
+"""An observation (O,). With cameras: a dictionary of ``state`` (O,) and images, see
+``CameraSpec.list_image_formats``.
+"""
 SCENE_CAMERA_FOVY_DEG = 45.0
 """Vertical field of view of the camera ``scene``, in degrees."""
 WRIST_CAMERA_FOVY_DEG = 58.0
@@ -86,7 +88,7 @@ class CameraSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if self.fovy_deg is not None and not 5.0 <= self.fovy_deg <= 150.0:
             raise ValueError(f"fovy_deg of camera {self.name!r} is {self.fovy_deg!r}; allowed: 5 to 150")
 
-    def image_entries(self) -> dict[str, tuple[tuple[int, ...], type[ImageDtype], float]]:
+    def list_image_formats(self) -> dict[str, tuple[tuple[int, ...], type[ImageDtype], float]]:
         """Returns shape, type and largest value of each image, by the name of the image's entry, such as
         ``wrist_rgb``."""
         size = (self.height_px, self.width_px)
@@ -158,11 +160,11 @@ def parse_camera(text: str) -> CameraSpec:
     return CameraSpec(name, int(width), int(height), chosen)
 
 
-def image_entries(
+def list_image_formats(
     cameras: Iterable[CameraSpec],
 ) -> dict[str, tuple[tuple[int, ...], type[ImageDtype], float]]:
     """Returns shape, type and largest value of each image of these cameras, by the name of the image's entry."""
-    return {name: entry for camera in cameras for name, entry in camera.image_entries().items()}
+    return {name: entry for camera in cameras for name, entry in camera.list_image_formats().items()}
 
 
 @dataclass(frozen=True)
@@ -170,7 +172,7 @@ class SceneCameraPose:
     """Pose of the camera ``scene``: its position and a point on its optical axis, (3,) each, world frame, metres."""
 
     pos_w: FloatArray
-    target_w: FloatArray
+    target_pos_w: FloatArray
 
 
 def add_cameras(
@@ -180,14 +182,14 @@ def add_cameras(
     for camera in cameras:
         if camera.name == SCENE_CAMERA:
             body, pos, fovy_deg = spec.worldbody, view.pos_w, SCENE_CAMERA_FOVY_DEG
-            q = camera_rotation(view.target_w - view.pos_w, [0.0, 0.0, 1.0])
+            q = compute_camera_rotation(view.target_pos_w - view.pos_w, [0.0, 0.0, 1.0])
         elif camera.name == WRIST_CAMERA:
             add_wrist_camera(spec, scene, camera.fovy_deg)
             continue
         else:
             mount = scene.robot.cameras[camera.name]
-            body, pos, fovy_deg = spec.body(robot.PREFIX + mount.body), mount.pos_m, mount.fovy_deg
-            q = camera_rotation(mount.forward, mount.up)
+            body, pos, fovy_deg = spec.body(robot.ROBOT_NAME_PREFIX + mount.body), mount.pos_m, mount.fovy_deg
+            q = compute_camera_rotation(mount.forward, mount.up)
         body.add_camera(name=camera.name, pos=pos, quat=q, fovy=camera.fovy_deg or fovy_deg)
 
 
@@ -199,12 +201,14 @@ def add_wrist_camera(spec: mujoco.MjSpec, scene: SceneConfig, fovy_deg: float | 
     spec.body(SCENE_TOOL_BODY).add_camera(
         name=WRIST_CAMERA,
         pos=pos,
-        quat=camera_rotation(WRIST_CAMERA_TARGET_M - pos, [0.0, 0.0, 1.0]),
+        quat=compute_camera_rotation(WRIST_CAMERA_TARGET_M - pos, [0.0, 0.0, 1.0]),
         fovy=fovy_deg or WRIST_CAMERA_FOVY_DEG,
     )
 
 
-def camera_rotation(forward: Sequence[float] | FloatArray, up: Sequence[float] | FloatArray) -> FloatArray:
+def compute_camera_rotation(
+    forward: Sequence[float] | FloatArray, up: Sequence[float] | FloatArray
+) -> FloatArray:
     """Returns the rotation (4,) of a camera with the viewing direction ``forward``.
 
     The camera's axes are those of MuJoCo: −z forward, y up, x right.
@@ -240,7 +244,7 @@ def update_poses(model: mujoco.MjModel, data: mujoco.MjData, qpos: FloatArray) -
     mujoco.mj_camlight(model, data)
 
 
-def rendering_options() -> mujoco.MjvOption:
+def make_rendering_options() -> mujoco.MjvOption:
     """Returns MuJoCo's rendering options for images with visual geoms and without collision geoms."""
     option = mujoco.MjvOption()
     option.geomgroup[:] = 0

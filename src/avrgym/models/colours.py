@@ -10,40 +10,40 @@ DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
 """MuJoCo's default colour. Geoms and skins with this colour have the colour of their material."""
 
 
-def geom_colours(model: mujoco.MjModel) -> FloatArray:
+def compute_geom_colours(model: mujoco.MjModel) -> FloatArray:
     """Returns the RGBA colours (G, 4) of all geoms, 0 to 1, multiplied by the mean colours of their textures."""
     colours = _drawn(model, model.geom_matid, model.geom_rgba)
     for material in np.unique(model.geom_matid[model.geom_matid >= 0]):
-        colours[model.geom_matid == material, :3] *= mean_texture_colour(model, int(material))
+        colours[model.geom_matid == material, :3] *= compute_mean_texture_colour(model, int(material))
     return colours
 
 
-def skin_colours(model: mujoco.MjModel) -> FloatArray:
+def compute_skin_colours(model: mujoco.MjModel) -> FloatArray:
     """Returns the RGBA colours (S, 4) of all skins, 0 to 1, without textures."""
     return _drawn(model, model.skin_matid, model.skin_rgba)
 
 
-def texture_index(model: mujoco.MjModel, material: int) -> int:
+def find_texture_index(model: mujoco.MjModel, material: int) -> int:
     """Returns the index of a material's colour texture; -1 without a texture."""
     return int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB]) if material >= 0 else -1
 
 
-def texture_pixels(model: mujoco.MjModel, texture: int) -> NDArray[np.uint8]:
+def read_texture_pixels(model: mujoco.MjModel, texture: int) -> NDArray[np.uint8]:
     """Returns the pixels (height, width, channels) of a texture."""
     shape = model.tex_height[texture], model.tex_width[texture], model.tex_nchannel[texture]
     start = model.tex_adr[texture]
     return model.tex_data[start : start + np.prod(shape)].reshape(shape)
 
 
-def mean_texture_colour(model: mujoco.MjModel, material: int) -> FloatArray:
+def compute_mean_texture_colour(model: mujoco.MjModel, material: int) -> FloatArray:
     """Returns the mean colour (3,) of a material's texture, 0 to 1; white without a texture."""
-    texture = texture_index(model, material)
+    texture = find_texture_index(model, material)
     if texture < 0:
         return np.ones(3)
-    return np.broadcast_to(texture_pixels(model, texture)[..., :3].mean(axis=(0, 1)) / 255.0, 3)
+    return np.broadcast_to(read_texture_pixels(model, texture)[..., :3].mean(axis=(0, 1)) / 255.0, 3)
 
 
-def linear_from_srgb(colours: FloatArray) -> FloatArray:
+def convert_srgb_to_linear(colours: FloatArray) -> FloatArray:
     """Convert sRGB colour values to linear values, both 0 to 1. Returns the linear values."""
     return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
 

@@ -11,7 +11,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits
-from avrgym.models.geoms import BOX, CYLINDER, add_collision, add_material, add_visual_mesh
+from avrgym.models.geoms import BOX, CYLINDER, add_collision_geom, add_material, add_visual_mesh
 from avrgym.models.shapes import revolve
 from avrgym.models.tools import CollisionHull, Particles, Tool
 
@@ -42,7 +42,7 @@ class CupShape:
         """Returns the angle between the wall and the axis of the cup."""
         return math.atan2(self.rim_radius_m - self.foot_radius_m, self.height_m)
 
-    def inner_radius_m(self, z: float) -> float:
+    def compute_inner_radius_m(self, z: float) -> float:
         """Returns the inner radius at height ``z`` in the tool's frame. The rim is at z = 0."""
         return self.rim_radius_m + z * math.tan(self.taper_rad) - _WALL_M / math.cos(self.taper_rad)
 
@@ -65,7 +65,7 @@ def _packed(shape: CupShape, radius_m: float) -> FloatArray:
         z = _FLOOR_M - shape.height_m + radius_m * (1.0 + layer * np.sqrt(8.0 / 3.0) * 1.01)
         if z + radius_m > -_FREE_BELOW_RIM_M:
             return np.array(places)
-        reach_m = shape.inner_radius_m(z) - 1.05 * radius_m
+        reach_m = shape.compute_inner_radius_m(z) - 1.05 * radius_m
         places.extend(_layer(shape.axis_x_m, z, reach_m, pitch, shifted=layer % 2 == 1))
         layer += 1
 
@@ -85,7 +85,7 @@ WATER = Particles(
     radius_m=0.005,
     mass_kg=0.001,
     rgb=(0.35, 0.62, 0.86),
-    fluid=True,
+    is_fluid=True,
 )
 """Water in the default cup: 64 spheres of radius 5 mm and 1 g (paper, section IV, and its code)."""
 
@@ -121,7 +121,7 @@ def _build_cup(shape: CupShape, spec: mujoco.MjSpec, body: mujoco.MjsBody, appea
     """Build a floor and a ring of tilted walls. The pouring edge is between two walls."""
     floor = [shape.axis_x_m, 0.0, 0.5 * _FLOOR_M - shape.height_m]
     size = [shape.foot_radius_m, 0.5 * _FLOOR_M, 0.0]
-    add_collision(body, "cup_floor", CYLINDER, collision_bits.TOOL, pos=floor, size=size, mass=0.02)
+    add_collision_geom(body, "cup_floor", CYLINDER, collision_bits.TOOL, pos=floor, size=size, mass=0.02)
     for wall in range(_WALLS):
         _add_wall(shape, body, f"cup_wall_{wall}", 2.0 * np.pi * (wall + 0.5) / _WALLS)
     if appearance:
@@ -151,13 +151,13 @@ def _add_wall(shape: CupShape, body: mujoco.MjsBody, name: str, angle_rad: float
     around = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(angle_rad))
     lean = transforms.from_axis_angle([0.0, 1.0, 0.0], shape.taper_rad)
     outward = transforms.rotate(around, [1.0, 0.0, 0.0])
-    distance = shape.inner_radius_m(-0.5 * shape.height_m) + 0.5 * _WALL_M / math.cos(shape.taper_rad)
+    distance = shape.compute_inner_radius_m(-0.5 * shape.height_m) + 0.5 * _WALL_M / math.cos(shape.taper_rad)
     size = [
         0.5 * _WALL_M,
         shape.rim_radius_m * math.tan(np.pi / _WALLS),
         0.5 * shape.height_m / math.cos(shape.taper_rad),
     ]
-    add_collision(
+    add_collision_geom(
         body, name, BOX, collision_bits.TOOL,
         pos=[shape.axis_x_m, 0.0, -0.5 * shape.height_m] + distance * outward,
         quat=transforms.multiply(around, lean), size=size, mass=0.005,

@@ -14,7 +14,7 @@ CYLINDER = mujoco.mjtGeom.mjGEOM_CYLINDER
 SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE
 
 
-def add_collision(
+def add_collision_geom(
     body: mujoco.MjsBody, name: str, kind: mujoco.mjtGeom, bits: CollisionBits, **attributes: Any
 ) -> None:
     """Add an invisible collision geom; attributes as for ``MjsBody.add_geom``."""
@@ -28,7 +28,7 @@ def add_collision(
     )
 
 
-def add_visual(body: mujoco.MjsBody, kind: mujoco.mjtGeom, material: str, **attributes: Any) -> None:
+def add_visual_geom(body: mujoco.MjsBody, kind: mujoco.mjtGeom, material: str, **attributes: Any) -> None:
     """Add a visible geom without mass and collision; attributes as for ``MjsBody.add_geom``."""
     body.add_geom(
         type=kind, material=material, group=VISUAL_GROUP, contype=0, conaffinity=0, mass=0.0, **attributes
@@ -45,7 +45,7 @@ def add_visual_mesh(
         userface=mesh.faces.ravel(),
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
     )
-    add_visual(body, mujoco.mjtGeom.mjGEOM_MESH, material, meshname=name, **attributes)
+    add_visual_geom(body, mujoco.mjtGeom.mjGEOM_MESH, material, meshname=name, **attributes)
 
 
 def add_material(

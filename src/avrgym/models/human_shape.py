@@ -21,18 +21,18 @@ from avrgym.models.geoms import add_material
 from avrgym.models.human import (
     ARM_BODIES,
     BODIES,
+    BODY_DIMENSIONS,
     GIRTH_EXPONENTS,
     MOUTH_HEIGHT_M,
-    PREFIX,
-    PROPORTIONS,
+    PERSON_NAME_PREFIX,
     SKIN_TONES,
+    BodyDimensions,
     People,
     Person,
     Posture,
-    Proportions,
     Sex,
-    bind_frames,
-    body_layout_of_people,
+    compute_bind_frames,
+    compute_people_layout,
 )
 
 
@@ -61,13 +61,13 @@ SKIN_PARTS: Mapping[str, SkinPart] = {
 HEAD_SKIN_PARTS = ("face", "hair", "eye", "iris", "pupil", "teeth", "tongue")
 """Parts that are hidden in the participant's first-person view."""
 
-STORED_POSITION_RANGE_M, STORED_OPENING_RANGE_M, OPEN_MOUTH_SHARE = 1.2, 0.06, 0.7
+MESH_FILE_POSITION_RANGE_M, MESH_FILE_MOUTH_OPENING_RANGE_M, OPEN_MOUTH_FRACTION = 1.2, 0.06, 0.7
 """Ranges of stored vertex positions and stored mouth displacements in metres. The third value is the share of the
 displacement for an open mouth.
 """
 ARM_SEGMENTS = ("upper_arm", "forearm")
 """Arm segments that are scaled by ``Person.arm_scale``."""
-HEAD_STRETCH_SHARE = 0.5
+HEAD_STRETCH_FRACTION = 0.5
 """Stretch of the head above the mouth, divided by the stretch of the torso. The collision sphere of the head moves by
 the same distance.
 """
@@ -75,7 +75,7 @@ the same distance.
 
 @dataclass(frozen=True)
 class SkinMesh:
-    """Skinned mesh of a rendered part, in the pose of ``bind_frames``.
+    """Skinned mesh of a rendered part, in the pose of ``compute_bind_frames``.
 
     ``vertices`` (V, 3), texture coordinates ``uv`` (V, 2; v points down), ``faces`` (F, 3). Each vertex is bound to
     four bodies: ``body_indices`` (V, 4) are their indices in ``BODIES``, and ``body_weights`` (V, 4) the skinning
@@ -92,13 +92,13 @@ class SkinMesh:
 def add_person_skins(spec: mujoco.MjSpec, person: Person, posture: Posture, *, open_mouth: bool) -> None:
     """Add the skins of the scene's person. A person in bed has no shoes."""
     _add_materials(spec, person)
-    pos, q = bind_frames(
+    pos, q = compute_bind_frames(
         person.sex, person.torso_height_m, person.arm_scale, person.stature_m, person.bmi_kg_m2
     )
-    for name, shape in skin_meshes(person, open_mouth=open_mouth):
-        if name == ("feet" if posture.shoes else "shoes"):
+    for name, shape in make_skin_meshes(person, open_mouth=open_mouth):
+        if name == ("feet" if posture.has_shoes else "shoes"):
             continue
-        skin = spec.add_skin(name=PREFIX + name, material=_material(name), group=VISUAL_GROUP)
+        skin = spec.add_skin(name=PERSON_NAME_PREFIX + name, material=_material(name), group=VISUAL_GROUP)
         skin.vert, skin.texcoord = shape.vertices.ravel(), shape.uv.ravel()
         skin.face = shape.faces.ravel()
         _bind(skin, shape, pos, q)
@@ -114,7 +114,7 @@ def _add_materials(spec: mujoco.MjSpec, person: Person) -> None:
 
 def _add_texture(spec: mujoco.MjSpec, material: str, file: str) -> None:
     """Add a texture to a material. The texture multiplies the material's colour."""
-    name, pixels = PREFIX + material, _pixels(file)
+    name, pixels = PERSON_NAME_PREFIX + material, _pixels(file)
     texture = spec.add_texture(
         name=name,
         type=mujoco.mjtTexture.mjTEXTURE_2D,
@@ -128,7 +128,7 @@ def _add_texture(spec: mujoco.MjSpec, material: str, file: str) -> None:
 
 
 def _material(part: str) -> str:
-    return PREFIX + ("skin" if SKIN_PARTS[part].rgb is None else part)
+    return PERSON_NAME_PREFIX + ("skin" if SKIN_PARTS[part].rgb is None else part)
 
 
 def _bind(
@@ -136,7 +136,7 @@ def _bind(
 ) -> None:
     used: list[int] = np.unique(shape.body_indices[shape.body_weights > 0.0]).tolist()
     names = [BODIES[body] for body in used]
-    skin.bodyname = [PREFIX + name for name in names]
+    skin.bodyname = [PERSON_NAME_PREFIX + name for name in names]
     skin.bindpos = np.concatenate([pos[name] for name in names])
     skin.bindquat = np.concatenate([q[name] for name in names])
     held = [(shape.body_indices == body) & (shape.body_weights > 0.0) for body in used]
@@ -144,20 +144,20 @@ def _bind(
     skin.vertweight = [shape.body_weights[of_body].tolist() for of_body in held]
 
 
-def skin_meshes(person: Person, *, open_mouth: bool) -> Iterator[tuple[str, SkinMesh]]:
+def make_skin_meshes(person: Person, *, open_mouth: bool) -> Iterator[tuple[str, SkinMesh]]:
     """Yields the name and mesh of each rendered part, scaled to the person's torso height and arm length."""
     for name in SKIN_PARTS:
         drawn, opening = _stored_parts(person.sex)[name]
-        vertices = drawn.vertices + (OPEN_MOUTH_SHARE if open_mouth else 0.0) * opening
+        vertices = drawn.vertices + (OPEN_MOUTH_FRACTION if open_mouth else 0.0) * opening
         shape = _stretched(drawn, vertices, person)
         yield name, _without_arms(shape, person) if person.absent_arms else shape
 
 
 def _stretched(drawn: SkinMesh, vertices: FloatArray, person: Person) -> SkinMesh:
-    reference_m = PROPORTIONS[person.sex].torso_height
+    reference_m = BODY_DIMENSIONS[person.sex].torso_height_m
     h = person.torso_height_m / reference_m
-    old_pos, q = bind_frames(person.sex, reference_m)
-    new_pos, _ = bind_frames(
+    old_pos, q = compute_bind_frames(person.sex, reference_m)
+    new_pos, _ = compute_bind_frames(
         person.sex, person.torso_height_m, person.arm_scale, person.stature_m, person.bmi_kg_m2
     )
     girths = None if person.bmi_kg_m2 is None else _girths(person)
@@ -166,7 +166,7 @@ def _stretched(drawn: SkinMesh, vertices: FloatArray, person: Person) -> SkinMes
         weight = np.where(drawn.body_indices == number, drawn.body_weights, 0.0).sum(axis=1, keepdims=True)
         local = transforms.rotate(transforms.conjugate(q[body]), vertices - old_pos[body])
         if girths is not None:
-            local = _widened(local, body, girths, PROPORTIONS[person.sex])
+            local = _widened(local, body, girths, BODY_DIMENSIONS[person.sex])
         placed += weight * (
             new_pos[body]
             + transforms.rotate(
@@ -181,7 +181,7 @@ def _without_arms(shape: SkinMesh, person: Person) -> SkinMesh:
     """Returns a mesh in which absent arms end at the shoulder. Their vertices are moved to the shoulder and bound to
     the torso.
     """
-    joints_w, _ = bind_frames(
+    joints_w, _ = compute_bind_frames(
         person.sex, person.torso_height_m, person.arm_scale, person.stature_m, person.bmi_kg_m2
     )
     vertices, indices = shape.vertices, shape.body_indices
@@ -196,26 +196,26 @@ def _without_arms(shape: SkinMesh, person: Person) -> SkinMesh:
 def _girths(person: Person) -> Mapping[str, float]:
     """Returns radii and breadths divided by those of the sex's reference body, by name of the measure."""
     built, reference = (
-        body_layout_of_people(People.from_persons([person])).proportions,
-        PROPORTIONS[person.sex],
+        compute_people_layout(People.from_persons([person])).dimensions,
+        BODY_DIMENSIONS[person.sex],
     )
     return {name: float(getattr(built, name)[0]) / getattr(reference, name) for name in GIRTH_EXPONENTS}
 
 
-def _widened(local: FloatArray, body: str, girths: Mapping[str, float], p: Proportions) -> FloatArray:
+def _widened(local: FloatArray, body: str, girths: Mapping[str, float], p: BodyDimensions) -> FloatArray:
     """Returns points in a body's frame, scaled across the body. On the torso, the scale depends on the height. The head
     is not scaled."""
     part = body.removeprefix("left_").removeprefix("right_")
     if part == "head":
         return local
     if part != "torso":
-        across = girths[f"{part}_radius"]
+        across = girths[f"{part}_radius_m"]
         return local * ([across, across, across] if part == "hand" else [across, across, 1.0])
-    shoulders = p.chest_offset_z + p.shoulder_offset_z
-    heights = [0.0, p.chest_offset_z, shoulders, shoulders + 0.05]
-    waist, chest, neck = (girths[f"{name}_radius"] for name in ("waist", "chest", "neck"))
-    widths = [waist, chest, girths["shoulder_offset_x"], neck]
-    depths = [waist, chest, girths["shoulder_radius"], neck]
+    shoulders = p.chest_offset_z_m + p.shoulder_offset_z_m
+    heights = [0.0, p.chest_offset_z_m, shoulders, shoulders + 0.05]
+    waist, chest, neck = (girths[f"{name}_radius_m"] for name in ("waist", "chest", "neck"))
+    widths = [waist, chest, girths["shoulder_offset_x_m"], neck]
+    depths = [waist, chest, girths["shoulder_radius_m"], neck]
     x, y = (np.interp(local[:, 2], heights, scales) for scales in (widths, depths))
     return local * np.stack([x, y, np.ones_like(x)], axis=-1)
 
@@ -229,7 +229,7 @@ def _lengthened(local: FloatArray, body: str, h: float) -> FloatArray:
         return local * [1.0, h, 1.0]
     if part == "head":
         above = np.maximum(local[:, 2:] - MOUTH_HEIGHT_M, 0.0)
-        return local + HEAD_STRETCH_SHARE * (h - 1.0) * above * [0.0, 0.0, 1.0]
+        return local + HEAD_STRETCH_FRACTION * (h - 1.0) * above * [0.0, 0.0, 1.0]
     return local * [1.0, 1.0, h]
 
 
@@ -238,22 +238,22 @@ def _stored_parts(sex: Sex) -> Mapping[str, tuple[SkinMesh, FloatArray]]:
     """Returns the stored parts by name, and the displacement of their vertices (V, 3) if the mouth is open."""
     with np.load(io.BytesIO(_asset(f"{sex}.npz"))) as stored:
         return {
-            name: _unpacked({k: stored[f"{name}/{k}"] for k in STORED_ARRAY_NAMES}) for name in SKIN_PARTS
+            name: _unpacked({k: stored[f"{name}/{k}"] for k in MESH_FILE_ARRAY_NAMES}) for name in SKIN_PARTS
         }
 
 
-STORED_ARRAY_NAMES = ("vertices", "opening", "uv", "faces", "bodies", "weights")
+MESH_FILE_ARRAY_NAMES = ("vertices", "opening", "uv", "faces", "bodies", "weights")
 
 
 def _unpacked(stored: Mapping[str, NumpyArray]) -> tuple[SkinMesh, FloatArray]:
     shape = SkinMesh(
-        vertices=STORED_POSITION_RANGE_M * stored["vertices"] / np.iinfo(np.int16).max,
+        vertices=MESH_FILE_POSITION_RANGE_M * stored["vertices"] / np.iinfo(np.int16).max,
         uv=stored["uv"] / np.iinfo(np.uint16).max,
         faces=stored["faces"].astype(np.int32),
         body_indices=stored["bodies"].astype(np.int64),
         body_weights=stored["weights"] / 255.0,
     )
-    return shape, STORED_OPENING_RANGE_M * stored["opening"] / np.iinfo(np.int8).max
+    return shape, MESH_FILE_MOUTH_OPENING_RANGE_M * stored["opening"] / np.iinfo(np.int8).max
 
 
 @cache

@@ -27,9 +27,9 @@ from avrgym.models.drive import (
 )
 from avrgym.models.tools import Tool
 
-PREFIX = "robot/"
+ROBOT_NAME_PREFIX = "robot/"
 """Prefix of all names of the robot in a scene."""
-SIDES: tuple[Side, ...] = ("right", "left")
+ROBOT_ARM_SIDES: tuple[Side, ...] = ("right", "left")
 PersonLocation = Literal["wheelchair", "bed"]
 PERSON_LOCATIONS: tuple[PersonLocation, ...] = ("wheelchair", "bed")
 """Locations of the person: in the wheelchair or in bed."""
@@ -39,7 +39,7 @@ FurnitureBuilder = Callable[[mujoco.MjSpec, bool], None]
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """A robot arm. ``arm_with_servo_gains`` creates an arm, and computes its stiffness and inertia.
+    """A robot arm. ``make_arm_with_servo_gains`` creates an arm, and computes its stiffness and inertia.
 
     Joints are hinges or slides; the model defines their types and ranges. The type determines the units: radians and
     N·m for hinges, metres and N for slides.
@@ -70,13 +70,14 @@ class Grip:
     """Grip of a hand on a tool.
 
     Attributes:
-        pos, q: pose of the tool's ``grip_pos`` in the end effector's frame, (3,) in metres and (4,).
-        fingers: joint positions of the hand, without the arm's prefix; radians, or metres for slide joints.
+        pos, quat: pose of the tool's ``grip_pos`` in the end effector's frame, (3,) in metres and (4,).
+        finger_joint_positions: joint positions of the hand, without the arm's prefix; radians, or metres for slide
+            joints.
     """
 
     pos: FloatArray
-    q: FloatArray
-    fingers: Mapping[str, float]
+    quat: FloatArray
+    finger_joint_positions: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ class BaseRange:
     y_m: tuple[float, float]
     yaw_rad: tuple[float, float]
 
-    def mirrored(self) -> "BaseRange":
+    def mirror(self) -> "BaseRange":
         """Returns the range mirrored to the other side of the person."""
         (left, right), (least, most) = self.x_m, self.yaw_rad
         return BaseRange((-right, -left), self.y_m, (-most, -least))
@@ -100,8 +101,8 @@ class Mount:
     Attributes:
         pos_w, yaw_rad: base pose, world frame. The person is at the origin and faces −y; their right is −x.
         base_range: range in which each episode searches for a base pose.
-        carrier: function that adds the furniture to which the base is attached. ``None``: the robot is on the floor,
-            and tasks may move it. A carrier with the keyword ``mirrored`` can also be on the person's left.
+        carrier_builder: function that adds the furniture to which the base is attached. ``None``: the robot is on the
+            floor, and tasks may move it. A carrier with the keyword ``mirror`` can also be on the person's left.
         carrier_body: body of the carrier that moves with the base.
         left_yaw_rad: base yaw on the person's other side, for a robot with an arm that extends sideways. ``None``: the
             mirrored yaw.
@@ -112,17 +113,17 @@ class Mount:
     pos_w: tuple[float, float, float]
     yaw_rad: float
     base_range: BaseRange | None = None
-    carrier: FurnitureBuilder | None = None
+    carrier_builder: FurnitureBuilder | None = None
     carrier_body: str | None = None
     left_yaw_rad: float | None = None
     left_pos_w: tuple[float, float, float] | None = None
 
     @property
-    def on_floor(self) -> bool:
+    def is_on_floor(self) -> bool:
         """Returns whether the robot is on the floor, not on furniture."""
-        return self.carrier is None
+        return self.carrier_builder is None
 
-    def mirrored(self) -> "Mount":
+    def mirror(self) -> "Mount":
         """Returns the mount on the person's other side, mirrored at the sagittal plane.
 
         Raises:
@@ -130,7 +131,7 @@ class Mount:
         """
         x, y, z = self.pos_w
         pos_w = self.left_pos_w or (-x, y, z)
-        carrier: Callable[..., None] | None = self.carrier
+        carrier: Callable[..., None] | None = self.carrier_builder
         if carrier is not None:
             if "mirrored" not in inspect.signature(carrier).parameters:
                 raise UnsuitableRobotError(
@@ -148,8 +149,8 @@ class Mount:
             self,
             pos_w=pos_w,
             yaw_rad=yaw_rad,
-            base_range=None if self.base_range is None else self.base_range.mirrored(),
-            carrier=carrier,
+            base_range=None if self.base_range is None else self.base_range.mirror(),
+            carrier_builder=carrier,
             left_yaw_rad=None if self.left_yaw_rad is None else self.yaw_rad,
             left_pos_w=None if self.left_pos_w is None else self.pos_w,
         )
@@ -187,8 +188,8 @@ class Robot:
         arms: arms by side. A robot with one arm lists it for both sides.
         mounts: mounts by the location of the person.
         grips: grips by the tool's name.
-        half_width_m: half the width of a square base on the floor.
-        fixed_joints: positions of all other joints, radians or metres; default: 0.
+        base_half_width_m: half the width of a square base on the floor.
+        fixed_joint_positions: positions of all other joints, radians or metres; default: 0.
         cameras: cameras by name, such as ``head``.
         drive: drive of a mobile base, which can move at the same time as the arm. The last components of an action are
             then forward speed and turn rate.
@@ -201,16 +202,16 @@ class Robot:
     arms: Mapping[Side, Arm]
     mounts: Mapping[PersonLocation, Mount]
     grips: Mapping[str, Grip]
-    half_width_m: float = 0.0
-    fixed_joints: Mapping[str, float] = field(default_factory=dict[str, float])
+    base_half_width_m: float = 0.0
+    fixed_joint_positions: Mapping[str, float] = field(default_factory=dict[str, float])
     cameras: Mapping[str, CameraMount] = field(default_factory=dict[str, CameraMount])
     drive: DifferentialDrive | None = None
 
-    def first_moving_joint(self, arm: Arm) -> str:
+    def get_first_moving_joint(self, arm: Arm) -> str:
         """Returns the first joint of the kinematic chain: the arm's first joint, or the drive's."""
         return arm.joints[0] if self.drive is None else DRIVE_JOINTS[0]
 
-    def action_names(self, arm: Arm) -> tuple[str, ...]:
+    def list_action_names(self, arm: Arm) -> tuple[str, ...]:
         """Returns the names of an action's A components: the arm's joints, and ``DRIVE_ACTION_NAMES`` for a mobile
         base.
         """
@@ -237,7 +238,7 @@ def select_arm_and_mount(robot: Robot, place: PersonLocation, side: Side, tool: 
     return robot.arms[side], robot.mounts[place]
 
 
-def robot_as_furniture(
+def make_robot_obstacle(
     robot: Robot, name: str, place: tuple[float, float], yaw_rad: float
 ) -> FurnitureBuilder:
     """Returns a function that adds a robot as furniture: a static obstacle on the floor.
@@ -245,7 +246,7 @@ def robot_as_furniture(
     Raises:
         ValueError: for a robot without a mount on the floor.
     """
-    heights_m = [mount.pos_w[2] for mount in robot.mounts.values() if mount.on_floor]
+    heights_m = [mount.pos_w[2] for mount in robot.mounts.values() if mount.is_on_floor]
     if not heights_m:
         raise ValueError(
             f"robot {robot.name} has no mount on the floor; choose a robot with a mount on the floor"
@@ -259,7 +260,7 @@ def robot_as_furniture(
     def add(spec: mujoco.MjSpec, appearance: bool) -> None:
         standing = robot.build(appearance)
         _set_collision_bits(standing, collision_bits.FURNITURE, appearance)
-        fix_joints(standing, (), positions | dict(robot.fixed_joints))
+        fix_joints(standing, (), positions | dict(robot.fixed_joint_positions))
         turn = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(yaw_rad))
         frame = spec.worldbody.add_frame(pos=[*place, heights_m[0]], quat=turn)
         spec.attach(standing, prefix=f"{name}/", frame=frame)
@@ -267,7 +268,7 @@ def robot_as_furniture(
     return add
 
 
-def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: bool) -> mujoco.MjSpec:
+def build_robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: bool) -> mujoco.MjSpec:
     """Returns the model of a robot without a scene.
 
     Geoms have collision bits, and joints of the arm have velocity servos. All other joints are fixed, except mimic
@@ -280,9 +281,9 @@ def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: 
     """
     spec = robot.build(appearance)
     _set_collision_bits(spec, collision_bits.ROBOT, appearance)
-    fixed = dict(robot.fixed_joints)
+    fixed = dict(robot.fixed_joint_positions)
     if grip is not None:
-        fixed |= {arm.finger_prefix + finger: value for finger, value in grip.fingers.items()}
+        fixed |= {arm.finger_prefix + finger: value for finger, value in grip.finger_joint_positions.items()}
     fix_joints(spec, arm.joints, fixed)
     _add_servos(spec, arm)
     if robot.drive is not None:
@@ -291,14 +292,16 @@ def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: 
     return spec
 
 
-def robot_spec_with_tool(robot: Robot, arm: Arm, tool: Tool, name: str, *, appearance: bool) -> mujoco.MjSpec:
+def build_robot_spec_with_tool(
+    robot: Robot, arm: Arm, tool: Tool, name: str, *, appearance: bool
+) -> mujoco.MjSpec:
     """Returns the model of a robot with a tool in its hand, without a scene. ``name``: name of the tool's body."""
     grip = robot.grips[tool.grip_name]
-    spec = robot_spec(robot, arm, grip, appearance=appearance)
+    spec = build_robot_spec(robot, arm, grip, appearance=appearance)
     body = spec.body(arm.end_effector).add_body(
         name=name,
-        pos=grip.pos - transforms.rotate(grip.q, tool.grip_pos),
-        quat=grip.q,
+        pos=grip.pos - transforms.rotate(grip.quat, tool.grip_pos),
+        quat=grip.quat,
         gravcomp=1.0,
     )
     tool.build(spec, body, appearance)
@@ -407,7 +410,7 @@ ARM_SERVO_FREQUENCY_RAD_S = 20.0
 """Natural frequency of a servo. The joint lags 0.1 s behind the servo target."""
 
 
-def arm_with_servo_gains(
+def make_arm_with_servo_gains(
     build: Callable[[bool], mujoco.MjSpec],
     joints: Sequence[str],
     end_effector: str,

@@ -10,12 +10,12 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits, human, robot
 from avrgym.models.cloth import add_cloth
-from avrgym.models.geoms import add_collision
+from avrgym.models.geoms import add_collision_geom
 from avrgym.models.human import Person, Posture
 from avrgym.models.robot import Arm, FurnitureBuilder, Mount, Robot
 from avrgym.models.self_collision import add_self_collision
 from avrgym.models.task_frame import WORLD_FRAME, TaskFrame
-from avrgym.models.tools import BODY as TOOL_BODY
+from avrgym.models.tools import TOOL_BODY as TOOL_BODY
 from avrgym.models.tools import Tool, add_particles
 
 PHYSICS_STEP_S = 0.01
@@ -45,7 +45,7 @@ class SceneConfig:
         body_mass_kg: mass of every person; ``None``: the mass of the person's body model.
         self_collision: whether the links of the robot collide with each other.
         task_frame: frame of mount and posture. Furniture is always in the world frame.
-        task_scene: the same scene in the task's frame, if this frame differs from the world frame.
+        transformed_scene: the same scene in the task's frame, if this frame differs from the world frame.
     """
 
     furniture: Sequence[FurnitureBuilder]
@@ -60,12 +60,12 @@ class SceneConfig:
     body_mass_kg: float | None = None
     self_collision: bool = False
     task_frame: TaskFrame = WORLD_FRAME
-    task_scene: "SceneConfig | None" = None
+    transformed_scene: "SceneConfig | None" = None
 
     @property
-    def in_task_frame(self) -> "SceneConfig":
+    def scene_in_task_frame(self) -> "SceneConfig":
         """Returns the scene in the task's frame. The functions of the task need the scene in this frame."""
-        return self.task_scene or self
+        return self.transformed_scene or self
 
     @property
     def substeps(self) -> int:
@@ -75,7 +75,7 @@ class SceneConfig:
     @property
     def action_names(self) -> tuple[str, ...]:
         """Returns the names of the A components of an action; see ``Robot.action_names``."""
-        return self.robot.action_names(self.arm)
+        return self.robot.list_action_names(self.arm)
 
     @property
     def speed_limit(self) -> FloatArray:
@@ -95,7 +95,7 @@ def build_scene_spec(scene: SceneConfig, person: Person, *, moving: bool, appear
     """
     spec = mujoco.MjSpec()
     _set_options(spec, scene.tool)
-    add_collision(
+    add_collision_geom(
         spec.worldbody, "floor", mujoco.mjtGeom.mjGEOM_PLANE, collision_bits.FURNITURE, size=[5.0, 5.0, 0.1]
     )
     human.add_person(spec, person, scene.posture, moving=moving)
@@ -109,7 +109,7 @@ def build_scene_spec(scene: SceneConfig, person: Person, *, moving: bool, appear
     if scene.tool.particles is not None:
         add_particles(spec, scene.tool.particles, appearance)
     if scene.tool.cloth is not None:
-        add_cloth(spec, scene.tool.cloth, robot.PREFIX, appearance)
+        add_cloth(spec, scene.tool.cloth, robot.ROBOT_NAME_PREFIX, appearance)
     _add_sensors(spec, scene)
     return spec
 
@@ -123,7 +123,7 @@ def _set_options(spec: mujoco.MjSpec, tool: Tool) -> None:
     spec.compiler.degree = False
     # Islands and geom trees are slower here: nearly all contacts are in one island, and few bodies have many geoms.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND | mujoco.mjtDisableBit.mjDSBL_MIDPHASE
-    if tool.particles is not None and tool.particles.fluid:
+    if tool.particles is not None and tool.particles.is_fluid:
         spec.option.solver = mujoco.mjtSolver.mjSOL_CG
         spec.option.tolerance = FLUID_SOLVER_TOLERANCE
 
@@ -131,17 +131,21 @@ def _set_options(spec: mujoco.MjSpec, tool: Tool) -> None:
 def _add_robot(spec: mujoco.MjSpec, scene: SceneConfig, appearance: bool) -> None:
     turn = transforms.from_axis_angle([0.0, 0.0, 1.0], scene.mount.yaw_rad)
     frame = spec.worldbody.add_frame(pos=scene.mount.pos_w, quat=turn)
-    spec.attach(robot_with_tool(scene, appearance=appearance), prefix=robot.PREFIX, frame=frame)
+    spec.attach(
+        build_robot_with_tool_spec(scene, appearance=appearance), prefix=robot.ROBOT_NAME_PREFIX, frame=frame
+    )
     if scene.self_collision:
-        add_self_collision(spec, scene.robot, scene.arm, robot.PREFIX)
+        add_self_collision(spec, scene.robot, scene.arm, robot.ROBOT_NAME_PREFIX)
 
 
-def robot_with_tool(scene: SceneConfig, *, appearance: bool) -> mujoco.MjSpec:
+def build_robot_with_tool_spec(scene: SceneConfig, *, appearance: bool) -> mujoco.MjSpec:
     """Returns the model of the scene's robot with the tool in its hand, without person and furniture."""
-    return robot.robot_spec_with_tool(scene.robot, scene.arm, scene.tool, TOOL_BODY, appearance=appearance)
+    return robot.build_robot_spec_with_tool(
+        scene.robot, scene.arm, scene.tool, TOOL_BODY, appearance=appearance
+    )
 
 
-SCENE_TOOL_BODY = robot.PREFIX + TOOL_BODY
+SCENE_TOOL_BODY = robot.ROBOT_NAME_PREFIX + TOOL_BODY
 """Name of the tool's body in a scene, with the robot's prefix."""
 
 ROBOT_FORCE_SENSOR = "robot_force_on_person"
@@ -170,7 +174,7 @@ def _add_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
     magnitude is used. A MuJoCo sensor cannot measure a flex alone. With cloth, further sensors therefore measure all
     contacts of the person.
     """
-    base = robot.PREFIX + scene.robot.base
+    base = robot.ROBOT_NAME_PREFIX + scene.robot.base
     _add_contact_sensor(spec, ROBOT_FORCE_SENSOR, base, _FORCE, _NET_FORCE, slots=1)
     _add_contact_sensor(spec, TOOL_FORCE_SENSOR, SCENE_TOOL_BODY, _FORCE, _NET_FORCE, slots=1)
     _add_contact_sensor(spec, ROBOT_CONTACT_SENSOR, base, _FORCE, _STRONGEST, slots=MAX_ROBOT_CONTACTS)
@@ -178,7 +182,7 @@ def _add_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
     _add_contact_sensor(
         spec, TOOL_CONTACT_SENSOR, SCENE_TOOL_BODY, whole, _STRONGEST, slots=MAX_TOOL_CONTACTS
     )
-    _add_velocity_sensor(spec, END_EFFECTOR_VELOCITY_SENSOR, robot.PREFIX + scene.arm.end_effector)
+    _add_velocity_sensor(spec, END_EFFECTOR_VELOCITY_SENSOR, robot.ROBOT_NAME_PREFIX + scene.arm.end_effector)
     _add_velocity_sensor(spec, TOOL_VELOCITY_SENSOR, SCENE_TOOL_BODY)
     if scene.tool.cloth is not None:
         _add_contact_sensor(spec, PERSON_FORCE_SENSOR, None, _FORCE, _NET_FORCE, slots=1)
@@ -202,8 +206,8 @@ def _add_velocity_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
 
 def add_geom_force_sensor(spec: mujoco.MjSpec, scene: SceneConfig, name: str, geom: str, slots: int) -> None:
     """Add a sensor of the strongest contact forces from robot and cloth on one of the geoms ``human.GEOMS``."""
-    base = robot.PREFIX + scene.robot.base if scene.tool.cloth is None else None
-    _add_contact_sensor(spec, name, base, _FORCE, _STRONGEST, slots, human.PREFIX + geom)
+    base = robot.ROBOT_NAME_PREFIX + scene.robot.base if scene.tool.cloth is None else None
+    _add_contact_sensor(spec, name, base, _FORCE, _STRONGEST, slots, human.PERSON_NAME_PREFIX + geom)
 
 
 def _add_contact_sensor(
@@ -217,6 +221,6 @@ def _add_contact_sensor(
         objtype=mujoco.mjtObj.mjOBJ_UNKNOWN if of is None else mujoco.mjtObj.mjOBJ_XBODY,
         objname=of or "",
         reftype=mujoco.mjtObj.mjOBJ_GEOM if geom else mujoco.mjtObj.mjOBJ_XBODY,
-        refname=geom or human.PREFIX + "hips",
+        refname=geom or human.PERSON_NAME_PREFIX + "hips",
         intprm=[fields, reduction, slots],
     )

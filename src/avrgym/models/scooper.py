@@ -4,10 +4,10 @@ import mujoco
 import numpy as np
 
 from avrgym.models import collision_bits
-from avrgym.models.geoms import CAPSULE, add_collision, add_material, add_visual, add_visual_mesh
+from avrgym.models.geoms import CAPSULE, add_collision_geom, add_material, add_visual_geom, add_visual_mesh
 from avrgym.models.scratcher import ROD_RADIUS_M as HANDLE_RADIUS_M
 from avrgym.models.scratcher import SCRATCHER
-from avrgym.models.shapes import rounded_polyline, tube
+from avrgym.models.shapes import make_tube, round_polyline_corners
 from avrgym.models.tools import Tool
 
 PADDING_RADIUS_M, TROUGH_HALF_WIDTH_M, TROUGH_HALF_LENGTH_M, TROUGH_RIM_HEIGHT_M = 0.010, 0.060, 0.025, 0.050
@@ -29,7 +29,7 @@ def _build_scooper(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) 
         ("near_rim", [-x, 0, 0, -x, 0, z], PADDING_RADIUS_M),
         ("handle", [-x, 0, 0, _HANDLE_END_M, 0, 0], HANDLE_RADIUS_M),
     ):
-        add_collision(
+        add_collision_geom(
             body, f"scooper_{name}", CAPSULE, collision_bits.TOOL,
             fromto=ends, size=[radius, 0, 0], mass=0.02, condim=1, priority=1,
         )  # fmt: skip
@@ -43,9 +43,13 @@ def _add_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     plastic = add_material(spec, "scooper_handle", (0.85, 0.86, 0.84), roughness=0.5)
     x, z = TROUGH_HALF_WIDTH_M, TROUGH_RIM_HEIGHT_M
     for number, y in enumerate(_RIBS_Y_M):
-        path = rounded_polyline([[-x, y, z], [-x, y, 0.0], [x, y, 0.0], [x, y, z]])
-        add_visual_mesh(spec, body, f"scooper_rib_{number}", foam, tube(path, PADDING_RADIUS_M))
-    add_visual(body, CAPSULE, plastic, fromto=[-x, 0, 0, _HANDLE_END_M, 0, 0], size=[HANDLE_RADIUS_M, 0, 0])
+        path = round_polyline_corners([[-x, y, z], [-x, y, 0.0], [x, y, 0.0], [x, y, z]])
+        add_visual_mesh(spec, body, f"scooper_rib_{number}", foam, make_tube(path, PADDING_RADIUS_M))
+    add_visual_geom(
+        body, CAPSULE, plastic, fromto=[-x, 0, 0, _HANDLE_END_M, 0, 0], size=[HANDLE_RADIUS_M, 0, 0]
+    )
 
 
-SCOOPER = Tool("scooper", _build_scooper, grip_pos=(GRIP_X_M, 0.0, 0.0), particles=None, grip=SCRATCHER.name)
+SCOOPER = Tool(
+    "scooper", _build_scooper, grip_pos=(GRIP_X_M, 0.0, 0.0), particles=None, grip_tool_name=SCRATCHER.name
+)

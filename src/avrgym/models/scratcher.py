@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 
 from avrgym.models import collision_bits
-from avrgym.models.geoms import CAPSULE, add_collision, add_material, add_visual_mesh
-from avrgym.models.shapes import CrossSection, loft
+from avrgym.models.geoms import CAPSULE, add_collision_geom, add_material, add_visual_mesh
+from avrgym.models.shapes import CrossSection, make_loft
 from avrgym.models.tools import Tool
 
 FINGERTIPS_TO_TIP_DISTANCE_M = 0.05
@@ -20,7 +20,7 @@ def _build_scratcher(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool
 
     The capsule has no friction, because friction causes stick-slip vibration that interrupts the contact.
     """
-    add_collision(
+    add_collision_geom(
         body,
         "scratcher",
         CAPSULE,
@@ -45,7 +45,7 @@ def _add_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     handle = [(-0.0340, 0.0039), (-0.0352, 0.0049), (-0.0365, 0.0050), (0.0040 - ROD_LENGTH_M, 0.0050),
               (0.0012 - ROD_LENGTH_M, 0.0042), (0.0002 - ROD_LENGTH_M, 0.0020)]  # fmt: skip
     for name, material, profile in (("head", wood, knob + neck), ("handle", rubber, handle)):
-        mesh = loft([CrossSection(x, radius, radius) for x, radius in profile], segments=24)
+        mesh = make_loft([CrossSection(x, radius, radius) for x, radius in profile], segments=24)
         add_visual_mesh(spec, body, f"scratcher_{name}", material, mesh, quat=along_x)
 
 

@@ -7,19 +7,19 @@ import mujoco
 import numpy as np
 
 from avrgym.models import collision_bits
-from avrgym.models.robot import Arm, Robot, robot_spec
+from avrgym.models.robot import Arm, Robot, build_robot_spec
 from avrgym.system import random_streams
 
 NUM_POSE_SAMPLES = 1000
 """Number of sampled poses of the arm in the search for links that can collide."""
-PERMANENT_CONTACT_SHARE = 0.9
+MIN_PERMANENT_CONTACT_FRACTION = 0.9
 """Share of sampled poses. A pair of bodies that touches in more poses has overlapping shapes; its collisions are
 disabled.
 """
 
 
 def add_self_collision(spec: mujoco.MjSpec, robot: Robot, arm: Arm, prefix: str) -> None:
-    """Enable collisions between the links of a robot in a scene, for the pairs in ``collision_pairs``.
+    """Enable collisions between the links of a robot in a scene, for the pairs in ``find_collision_pairs``.
 
     Args:
         spec: model of a scene with the robot, which is changed.
@@ -27,27 +27,27 @@ def add_self_collision(spec: mujoco.MjSpec, robot: Robot, arm: Arm, prefix: str)
         arm: moving arm of this robot.
         prefix: prefix of the robot's names in the scene.
     """
-    bits, colliding = collision_bits.ROBOT, collision_pairs(robot, arm)
+    bits, colliding = collision_bits.ROBOT, find_collision_pairs(robot, arm)
     for geom in spec.geoms:
         if geom.parent.name.startswith(prefix) and geom.contype == bits.contype:
             geom.conaffinity |= bits.contype
-    bodies = [body.name for body in robot_spec(robot, arm, appearance=False).bodies[1:]]
+    bodies = [body.name for body in build_robot_spec(robot, arm, appearance=False).bodies[1:]]
     for first, second in combinations(bodies, 2):
         if frozenset((first, second)) not in colliding:
             spec.add_exclude(bodyname1=prefix + first, bodyname2=prefix + second)
 
 
 @cache
-def collision_pairs(robot: Robot, arm: Arm) -> frozenset[frozenset[str]]:
+def find_collision_pairs(robot: Robot, arm: Arm) -> frozenset[frozenset[str]]:
     """Returns the pairs of bodies of a robot that may collide, by name.
 
     These pairs touch in sampled poses of the arm. Three kinds of pairs are excluded:
 
     - pairs with at most one link between them, because their capsules overlap, but the real links do not
     - pairs that touch at the seed pose
-    - pairs that touch in most poses, see ``PERMANENT_CONTACT_SHARE``
+    - pairs that touch in most poses, see ``MIN_PERMANENT_CONTACT_FRACTION``
     """
-    spec = robot_spec(robot, arm, appearance=False)
+    spec = build_robot_spec(robot, arm, appearance=False)
     for geom in spec.geoms:
         if geom.group != collision_bits.VISUAL_GROUP:
             geom.contype, geom.conaffinity = 1, 1
@@ -55,7 +55,7 @@ def collision_pairs(robot: Robot, arm: Arm) -> frozenset[frozenset[str]]:
     data = mujoco.MjData(model)
     places = [model.joint(name).qposadr[0] for name in arm.joints]
     ranges = np.array([model.joint(name).range for name in arm.joints])
-    poses = random_streams.arm_pose_generator().uniform(
+    poses = random_streams.make_arm_pose_rng().uniform(
         ranges[:, 0], ranges[:, 1], (NUM_POSE_SAMPLES, len(places))
     )
     at_seed, *touching = (_touching(model, data, places, pose) for pose in (arm.seed_pose, *poses))
@@ -66,7 +66,7 @@ def collision_pairs(robot: Robot, arm: Arm) -> frozenset[frozenset[str]]:
     return frozenset(
         pair
         for pair, count in found.items()
-        if count < PERMANENT_CONTACT_SHARE * NUM_POSE_SAMPLES
+        if count < MIN_PERMANENT_CONTACT_FRACTION * NUM_POSE_SAMPLES
         and pair not in at_seed
         and not _are_near(model, pair)
     )

@@ -38,7 +38,7 @@ class CrossSection:
     exponent: float = 2.0
 
 
-def loft(sections: Sequence[CrossSection], segments: int = DEFAULT_LOFT_SEGMENTS) -> Mesh:
+def make_loft(sections: Sequence[CrossSection], segments: int = DEFAULT_LOFT_SEGMENTS) -> Mesh:
     """Returns a surface through cross-sections in the given order, closed at both ends.
 
     For a shell, list the sections of the outside upwards, then the sections of the inside downwards.
@@ -46,7 +46,7 @@ def loft(sections: Sequence[CrossSection], segments: int = DEFAULT_LOFT_SEGMENTS
     return _close_at_centres(np.stack([_ring(section, segments) for section in sections]))
 
 
-def tube(points: FloatArray, radius_m: float, segments: int = 10) -> Mesh:
+def make_tube(points: FloatArray, radius_m: float, segments: int = 10) -> Mesh:
     """Returns a round tube along a polyline (P, 3), closed at both ends."""
     tangents = np.gradient(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
@@ -59,7 +59,7 @@ def tube(points: FloatArray, radius_m: float, segments: int = 10) -> Mesh:
     return _close_at_centres(rings)
 
 
-def torus(radius_m: float, tube_radius_m: float, segments: int = 48, tube_segments: int = 12) -> Mesh:
+def make_torus(radius_m: float, tube_radius_m: float, segments: int = 48, tube_segments: int = 12) -> Mesh:
     """Returns a torus around the x axis, centred at the origin."""
     turn = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)[:, None]
     roll = np.linspace(0.0, 2.0 * np.pi, tube_segments, endpoint=False)[None, :]
@@ -132,7 +132,7 @@ def _outward(vertices: FloatArray, faces: NDArray[np.integer[Any]]) -> NDArray[n
     return (faces if volume > 0.0 else faces[:, ::-1]).astype(np.int32)
 
 
-def rounded_polyline(points: list[list[float]], per_corner: int = 6) -> FloatArray:
+def round_polyline_corners(points: list[list[float]], per_corner: int = 6) -> FloatArray:
     """Returns a polyline (P, 3) in which arcs of ``per_corner`` points replace the corners."""
     p = np.asarray(points, float)
     pieces = [p[:1]]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from avrgym.array_types import FloatArray
 from avrgym.models import collision_bits
 from avrgym.models.cloth import Cloth, add_attachment_sites
-from avrgym.models.geoms import BOX, CAPSULE, add_collision, add_material, add_visual
+from avrgym.models.geoms import BOX, CAPSULE, add_collision_geom, add_material, add_visual_geom
 from avrgym.models.tools import Tool
 from avrgym.models.washcloth import WASHCLOTH
 
@@ -78,19 +78,19 @@ def _build(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
     add_attachment_sites(body, SLEEVE_CLOTH)
     rim = SLEEVE_CLOTH.initial_pos[list(ATTACHED_VERTICES)]
     for number, (begin, end) in enumerate(pairwise(rim)):
-        add_collision(
+        add_collision_geom(
             body, f"hoop_{number}", CAPSULE, collision_bits.TOOL,
             fromto=[*begin, *end], size=[_HOOP_RADIUS_M, 0, 0], mass=0.01,
         )  # fmt: skip
     nearest = float(rim[:, 0].min())
     middle = [nearest - 0.5 * _HANDLE_M, 0.0, 0.0]
     size = [0.5 * _HANDLE_M, _HANDLE_HALF_WIDTH_M, _HANDLE_HALF_THICKNESS_M]
-    add_collision(body, "handle", BOX, collision_bits.TOOL, pos=middle, size=size, mass=0.03)
+    add_collision_geom(body, "handle", BOX, collision_bits.TOOL, pos=middle, size=size, mass=0.03)
     if appearance:
         plastic = add_material(spec, "hoop", _HOOP_RGB, roughness=0.4)
-        add_visual(body, BOX, plastic, pos=middle, size=size)
+        add_visual_geom(body, BOX, plastic, pos=middle, size=size)
         for begin, end in pairwise(rim):
-            add_visual(body, CAPSULE, plastic, fromto=[*begin, *end], size=[_HOOP_RADIUS_M, 0, 0])
+            add_visual_geom(body, CAPSULE, plastic, fromto=[*begin, *end], size=[_HOOP_RADIUS_M, 0, 0])
 
 
 SLEEVE = Tool(
@@ -103,6 +103,6 @@ SLEEVE = Tool(
     ),
     particles=None,
     cloth=SLEEVE_CLOTH,
-    grip=WASHCLOTH.name,
+    grip_tool_name=WASHCLOTH.name,
     mirror_axis=2,
 )

@@ -11,8 +11,8 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits
-from avrgym.models.geoms import BOX, CAPSULE, add_collision, add_material, add_visual_mesh
-from avrgym.models.shapes import CrossSection, loft, tube
+from avrgym.models.geoms import BOX, CAPSULE, add_collision_geom, add_material, add_visual_mesh
+from avrgym.models.shapes import CrossSection, make_loft, make_tube
 from avrgym.models.tools import CollisionHull, Particles, Tool
 
 
@@ -98,7 +98,7 @@ def _build_spoon(
     """Build a level bowl of boxes with tilted walls, and a handle towards the hand."""
     _add_bowl_walls(body, floor)
     handle_end = -(SPOON_LENGTH_M - bowl[0])
-    add_collision(
+    add_collision_geom(
         body,
         "spoon_handle",
         CAPSULE,
@@ -113,7 +113,7 @@ def _build_spoon(
 
 def _add_bowl_walls(body: mujoco.MjsBody, floor: tuple[float, ...]) -> None:
     half_wall, height = 0.5 * _WALL, _RIM_Z - _FLOOR_Z
-    add_collision(
+    add_collision_geom(
         body, "spoon_floor", BOX, collision_bits.TOOL,
         pos=[0, 0, _FLOOR_Z - half_wall], size=[*floor, half_wall], mass=0.01,
     )  # fmt: skip
@@ -125,7 +125,7 @@ def _add_bowl_walls(body: mujoco.MjsBody, floor: tuple[float, ...]) -> None:
         centre = out * (floor[axis] + 0.5 * lean) + [0, 0, _FLOOR_Z + 0.5 * height] + normal * half_wall
         along = floor[1 - axis] + _LEAN[1 - axis]
         size = np.where(np.eye(3)[axis] == 1.0, half_wall, [along, along, 0.5 * np.hypot(lean, height)])
-        add_collision(
+        add_collision_geom(
             body, f"spoon_{name}", BOX, collision_bits.TOOL, pos=centre, quat=turn, size=size, mass=0.002
         )
 
@@ -137,11 +137,13 @@ def _add_spoon_skin(
     a, b = half_size
     outside = [(-0.0108, 0.35), (-0.0098, 0.70), (-0.006, 0.88), (0.0, 0.97), (_RIM_Z, 1.03)]
     inside = [(_RIM_Z, 0.97), (0.0, 0.90), (-0.005, 0.80), (-0.0082, 0.62), (-0.0088, 0.30)]
-    bowl = loft([CrossSection(z, a * s, b * s, exponent=2.3) for z, s in outside + inside], segments=40)
+    bowl = make_loft([CrossSection(z, a * s, b * s, exponent=2.3) for z, s in outside + inside], segments=40)
     add_visual_mesh(spec, body, "spoon_bowl_skin", steel, bowl)
     x = np.linspace(-0.96 * a, handle_end, 14)
     bend = _RIM_Z + 0.006 * np.sin(np.pi * (x + a) / (handle_end + a))
-    add_visual_mesh(spec, body, "spoon_handle_skin", steel, tube(np.stack([x, 0 * x, bend], axis=-1), 0.0038))
+    add_visual_mesh(
+        spec, body, "spoon_handle_skin", steel, make_tube(np.stack([x, 0 * x, bend], axis=-1), 0.0038)
+    )
 
 
 SPOON = make_spoon()

@@ -13,9 +13,9 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.models import collision_bits
 from avrgym.models.cloth import Cloth
-from avrgym.models.geoms import SPHERE, add_collision, add_material, add_visual
+from avrgym.models.geoms import SPHERE, add_collision_geom, add_material, add_visual_geom
 
-BODY = "tool"
+TOOL_BODY = "tool"
 """Name of the tool's body, without the robot's prefix."""
 
 
@@ -23,7 +23,8 @@ BODY = "tool"
 class Particles:
     """Small spheres on a tool: food or water.
 
-    ``initial_pos`` are their initial centres (K, 3) in the tool's frame, metres. ``fluid`` particles have no friction.
+    ``initial_pos`` are their initial centres (K, 3) in the tool's frame, metres. ``is_fluid`` particles have no
+    friction.
     """
 
     name: str
@@ -31,7 +32,7 @@ class Particles:
     radius_m: float
     mass_kg: float
     rgb: tuple[float, float, float]
-    fluid: bool = False
+    is_fluid: bool = False
 
     @property
     def bodies(self) -> tuple[str, ...]:
@@ -66,8 +67,8 @@ class Tool:
         hull: collision shape that replaces thin walls.
         mouth_part_outline: points (P, 3) on the outside of the part that enters the mouth, tool's frame, metres.
         cloth: cloth that is attached to the tool.
-        grip: name of another tool with the same handle. Robots use the grip of that tool. ``None``: the tool has its
-            own grip.
+        grip_tool_name: name of another tool with the same handle. Robots use the grip of that tool. ``None``: the
+            tool has its own grip.
         mirror_axis: normal of the tool's plane of symmetry, 0 to 2 for x to z.
     """
 
@@ -75,17 +76,17 @@ class Tool:
     build: Callable[[mujoco.MjSpec, mujoco.MjsBody, bool], None]
     grip_pos: tuple[float, float, float]
     particles: Particles | None
-    contact_body: str = BODY
+    contact_body: str = TOOL_BODY
     hull: CollisionHull | None = None
     mouth_part_outline: FloatArray | None = None
     cloth: Cloth | None = None
-    grip: str | None = None
+    grip_tool_name: str | None = None
     mirror_axis: int = 1
 
     @property
     def grip_name(self) -> str:
         """Returns the name of the grip for this tool in ``Robot.grips``."""
-        return self.grip or self.name
+        return self.grip_tool_name or self.name
 
 
 _GRAIN = {"condim": 1, "friction": [0.6, 0.005, 0.0001]}
@@ -106,9 +107,9 @@ def add_particles(spec: mujoco.MjSpec, particles: Particles, appearance: bool) -
         body = spec.worldbody.add_body(name=name)
         for letter, axis in zip("xyz", np.eye(3), strict=True):
             body.add_joint(name=f"{name}_{letter}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
-        add_collision(
+        add_collision_geom(
             body, name, SPHERE, collision_bits.PARTICLE,
-            size=[particles.radius_m, 0, 0], mass=particles.mass_kg, **(_FLUID if particles.fluid else _GRAIN),
+            size=[particles.radius_m, 0, 0], mass=particles.mass_kg, **(_FLUID if particles.is_fluid else _GRAIN),
         )  # fmt: skip
         if appearance:
-            add_visual(body, SPHERE, material, size=[particles.radius_m, 0, 0])
+            add_visual_geom(body, SPHERE, material, size=[particles.radius_m, 0, 0])

@@ -19,7 +19,7 @@ import trimesh
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits
-from avrgym.models.geoms import add_material, add_visual
+from avrgym.models.geoms import add_material, add_visual_geom
 
 CONTINUOUS_JOINT_RANGE_RAD = (-2.0 * np.pi, 2.0 * np.pi)
 """Range of continuous joints in the MuJoCo model: one turn in each direction."""
@@ -43,7 +43,7 @@ class Urdf:
     text: str
     find_mesh: Callable[[str], Path]
 
-    def limits(self, joints: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+    def read_joint_limits(self, joints: Sequence[str]) -> tuple[FloatArray, FloatArray]:
         """Returns the speed limits (rad/s) and torque limits (N·m) of joints, (J,) each.
 
         Raises:
@@ -55,7 +55,7 @@ class Urdf:
             for key in ("velocity", "effort")
         )  # type: ignore[return-value]
 
-    def spec(self, *, appearance: bool) -> mujoco.MjSpec:
+    def build_spec(self, *, appearance: bool) -> mujoco.MjSpec:
         """Returns the MuJoCo model. Its root body has the name of the root link.
 
         Gravity is compensated. A capsule replaces each collision shape. Continuous joints have a range of ±2π.
@@ -95,7 +95,7 @@ class Urdf:
         for number, part in enumerate(parts):
             add_trimesh(
                 spec, spec.body(link), f"{name}_{number}", part,
-                rgb=shape.rgb or mesh_colour(part), scale=shape.scale, pos=shape.pos, quat=shape.q,
+                rgb=shape.rgb or compute_mesh_colour(part), scale=shape.scale, pos=shape.pos, quat=shape.q,
             )  # fmt: skip
 
 
@@ -135,7 +135,7 @@ def read_mesh(file: Path) -> tuple[trimesh.Trimesh, ...]:
     return tuple(part for part in parts if isinstance(part, trimesh.Trimesh))
 
 
-def mesh_colour(mesh: trimesh.Trimesh) -> tuple[float, float, float]:
+def compute_mesh_colour(mesh: trimesh.Trimesh) -> tuple[float, float, float]:
     """Returns the colour of a mesh (red, green, blue), 0 to 1; grey if its file contains no colour."""
     colour = getattr(getattr(mesh.visual, "material", None), "main_color", None)
     return DEFAULT_MESH_RGB if colour is None else tuple(float(c) / 255.0 for c in colour[:3])  # type: ignore[return-value]
@@ -159,10 +159,10 @@ def add_trimesh(
         userface=np.asarray(mesh.faces).ravel(),
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
     )
-    add_visual(body, mujoco.mjtGeom.mjGEOM_MESH, material, meshname=name, **attributes)
+    add_visual_geom(body, mujoco.mjtGeom.mjGEOM_MESH, material, meshname=name, **attributes)
 
 
-def bounding_capsule(points: FloatArray) -> tuple[FloatArray, float]:
+def compute_bounding_capsule(points: FloatArray) -> tuple[FloatArray, float]:
     """Returns the axis ends (2, 3) and the radius of a bounding capsule of points (V, 3), along their longest extent.
 
     The axis is in the middle of the bounding box along the principal axes.
@@ -179,7 +179,7 @@ def bounding_capsule(points: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _add_capsule(body: mujoco.MjsBody, points: FloatArray, shape: _Shape, name: str) -> None:
-    ends, radius = bounding_capsule(points)
+    ends, radius = compute_bounding_capsule(points)
     ends = shape.pos + transforms.rotate(shape.q, ends)
     body.add_geom(
         name=name,

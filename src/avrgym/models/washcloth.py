@@ -7,8 +7,8 @@ import numpy as np
 
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits
-from avrgym.models.geoms import BOX, add_collision, add_material, add_visual_mesh
-from avrgym.models.shapes import CrossSection, loft
+from avrgym.models.geoms import BOX, add_collision_geom, add_material, add_visual_mesh
+from avrgym.models.shapes import CrossSection, make_loft
 from avrgym.models.tools import Tool
 
 PAD_HALF_SIZE_M = np.array([0.010, 0.050, 0.025])
@@ -55,7 +55,7 @@ def _build_washcloth(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool
     """Build a collision pad on springs with the stiffness of the cloth, and a visual ridge between the fingers."""
     pad = body.add_body(name="washcloth", gravcomp=1.0)
     _add_springs(pad)
-    add_collision(
+    add_collision_geom(
         pad, "washcloth", BOX, collision_bits.TOOL, pos=PAD_CENTRE_M, size=PAD_HALF_SIZE_M - PAD_CONTACT_MARGIN_M,
         margin=PAD_CONTACT_MARGIN_M, mass=_PAD_MASS_KG, priority=1, friction=_WET_FRICTION, solimp=_FIRM,
     )  # fmt: skip
@@ -87,7 +87,7 @@ def _add_skins(spec: mujoco.MjSpec, body: mujoco.MjsBody, pad: mujoco.MjsBody) -
     skins["ridge"] = (body, terry, _ridge())
     for name, (owner, material, sections) in skins.items():
         add_visual_mesh(
-            spec, owner, f"washcloth_{name}", material, loft(sections, segments=64), quat=rising_along_x
+            spec, owner, f"washcloth_{name}", material, make_loft(sections, segments=64), quat=rising_along_x
         )
 
 

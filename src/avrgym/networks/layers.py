@@ -34,25 +34,25 @@ class GatedRecurrentUnit:
 
     def __post_init__(self) -> None:
         for each in fields(self):
-            object.__setattr__(self, each.name, read_only_copy(getattr(self, each.name)))
+            object.__setattr__(self, each.name, copy_read_only(getattr(self, each.name)))
 
     @property
-    def units(self) -> int:
+    def num_units(self) -> int:
         """Returns the number of units, U."""
         return self.hidden_weight.shape[0]
 
-    def next_hidden_state(self, rows: FloatArray, memory: FloatArray) -> FloatArray:
+    def compute_next_hidden_state(self, rows: FloatArray, memory: FloatArray) -> FloatArray:
         """Returns the next hidden state (N, U), from inputs ``rows`` (N, inputs) and the previous state
         ``memory`` (N, U). Values are in [-1, 1].
         """
-        inputs = np.split(matrix_product(rows, self.input_weight) + self.input_bias, 3, axis=1)
-        hidden = np.split(matrix_product(memory, self.hidden_weight) + self.hidden_bias, 3, axis=1)
+        inputs = np.split(multiply_matrices(rows, self.input_weight) + self.input_bias, 3, axis=1)
+        hidden = np.split(multiply_matrices(memory, self.hidden_weight) + self.hidden_bias, 3, axis=1)
         reset, update = (_sigmoid(inputs[gate] + hidden[gate]) for gate in (0, 1))
         candidate = elementary.tanh(inputs[2] + reset * hidden[2])
         return (1.0 - update) * candidate + update * memory
 
 
-def matrix_product(rows: FloatArray, weight: FloatArray) -> FloatArray:
+def multiply_matrices(rows: FloatArray, weight: FloatArray) -> FloatArray:
     """Returns the matrix product (N, outputs) of ``rows`` (N, inputs) and ``weight`` (inputs, outputs).
 
     Unlike in BLAS, the order of sums is fixed.
@@ -65,7 +65,7 @@ def matrix_product(rows: FloatArray, weight: FloatArray) -> FloatArray:
     return outputs
 
 
-def read_only_copy(array: Any) -> FloatArray:
+def copy_read_only(array: Any) -> FloatArray:
     """Returns a read-only copy of the array as float64."""
     copy = np.array(array, np.float64, order="C")
     copy.setflags(write=False)

@@ -18,12 +18,12 @@ import safetensors
 import safetensors.numpy
 
 from avrgym.geometry import elementary
-from avrgym.networks.layers import GatedRecurrentUnit, matrix_product, read_only_copy
+from avrgym.networks.layers import GatedRecurrentUnit, copy_read_only, multiply_matrices
 from avrgym.networks.vision import VISION_TENSOR_NAMES, VisionNetwork
 from avrgym.system.files import write_atomically
 from avrgym.system.used_plugins import UsedPlugin
 
-FORMAT_VERSION, RECURRENT_FORMAT_VERSION, VISUAL_FORMAT_VERSION = 2, 3, 4
+FEEDFORWARD_FORMAT_VERSION, RECURRENT_FORMAT_VERSION, VISUAL_FORMAT_VERSION = 2, 3, 4
 """Versions of the file format: for feed-forward policies, recurrent policies, and policies with vision."""
 POLICY_FILE_SUFFIX = ".safetensors"
 
@@ -117,9 +117,9 @@ class Policy:
 
     def __post_init__(self):
         for name in ("weights", "biases"):
-            object.__setattr__(self, name, tuple(read_only_copy(array) for array in getattr(self, name)))
+            object.__setattr__(self, name, tuple(copy_read_only(array) for array in getattr(self, name)))
         for name in ("observation_mean", "observation_variance"):
-            object.__setattr__(self, name, read_only_copy(getattr(self, name)))
+            object.__setattr__(self, name, copy_read_only(getattr(self, name)))
         _check_numbers(self)
         _check_shapes(self)
         _check_sums(self)
@@ -131,14 +131,14 @@ class Policy:
     @property
     def memory_size(self) -> int:
         """Returns the number of units of the memory; 0 without a memory."""
-        return 0 if self.memory is None else self.memory.units
+        return 0 if self.memory is None else self.memory.num_units
 
     @property
     def action_size(self) -> int:
         return self.weights[-1].shape[1]
 
     @property
-    def digest(self) -> str:
+    def parameters_sha256(self) -> str:
         """Returns the SHA-256 hash of all parameters, without metadata, in hexadecimal."""
         digest = sha256()
         for name, array in _tensors(self).items():
@@ -151,9 +151,9 @@ class Policy:
 
         A row's result does not depend on the other rows, bit for bit. Only for policies without memory and vision.
         """
-        return self.add_noise(self.mean_actions(observations), generators)
+        return self.add_noise(self.compute_mean_actions(observations), generators)
 
-    def mean_actions(self, observations: np.ndarray) -> np.ndarray:
+    def compute_mean_actions(self, observations: np.ndarray) -> np.ndarray:
         """Returns mean actions (N, action) before clipping. Only for policies without memory and vision."""
         if self.memory is not None:
             raise PolicyError("the policy is recurrent; compute its actions with `policies.actors.Actor`")
@@ -164,9 +164,9 @@ class Policy:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Returns mean actions (N, action) for observations (N, observation), and the next memory (N, memory).
 
-        A policy with vision needs an ``image`` (N, H, W, C), from ``vision.vision_input``. At the start of an episode
-        the memory is zero. Sums have a fixed order: a row's result does not depend on batch size or processor, bit for
-        bit.
+        A policy with vision needs an ``image`` (N, H, W, C), from ``vision.make_vision_input``. At the start of an
+        episode the memory is zero. Sums have a fixed order: a row's result does not depend on batch size or
+        processor, bit for bit.
         """
         if observations.ndim != 2 or observations.shape[1] != self.observation_size:
             raise PolicyError(
@@ -178,13 +178,13 @@ class Policy:
                 raise PolicyError(
                     f"the policy needs images; pass images of the camera {self.metadata.camera}"
                 )
-            rows = self._clip(self.vision.fill_estimates(rows, image))
+            rows = self._clip(self.vision.fill_estimated_entries(rows, image))
         if self.memory is not None:
-            memory = self.memory.next_hidden_state(rows, memory)
+            memory = self.memory.compute_next_hidden_state(rows, memory)
             rows = np.concatenate([rows, memory], axis=1)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            rows = elementary.tanh(matrix_product(rows, weight) + bias)
-        return matrix_product(rows, self.weights[-1]) + self.biases[-1], memory
+            rows = elementary.tanh(multiply_matrices(rows, weight) + bias)
+        return multiply_matrices(rows, self.weights[-1]) + self.biases[-1], memory
 
     def add_noise(self, means: np.ndarray, generators: Sequence[np.random.Generator]) -> np.ndarray:
         """Returns actions (N, action), float32 in [-1, 1]: the means plus noise from the generators."""
@@ -199,7 +199,7 @@ class Policy:
         return np.clip(actions, -1, 1).astype(np.float32)
 
     @property
-    def observation_deviation(self) -> np.ndarray:
+    def observation_std(self) -> np.ndarray:
         """Returns the standard deviations (O,) of observations in training. The normaliser divides observations by
         them.
         """
@@ -207,7 +207,7 @@ class Policy:
 
     def normalise_observations(self, observations: np.ndarray) -> np.ndarray:
         """Returns observations (N, O) with mean 0 and standard deviation 1 in training, clipped."""
-        return self._clip((observations - self.observation_mean) / self.observation_deviation)
+        return self._clip((observations - self.observation_mean) / self.observation_std)
 
     def _clip(self, rows: np.ndarray) -> np.ndarray:
         return np.clip(rows, -self.observation_clip, self.observation_clip)
@@ -221,7 +221,7 @@ class Policy:
         path = Path(path)
         if path.exists() and not overwrite:
             raise PolicyError(f"{path} already exists; choose another name, or pass overwrite=True")
-        version = FORMAT_VERSION if self.memory is None else RECURRENT_FORMAT_VERSION
+        version = FEEDFORWARD_FORMAT_VERSION if self.memory is None else RECURRENT_FORMAT_VERSION
         if self.vision is not None:
             version = VISUAL_FORMAT_VERSION
         header = {"format_version": version, **msgspec.to_builtins(self.metadata)}
@@ -302,7 +302,7 @@ def _check_shapes(policy: Policy) -> None:
         raise PolicyError("the policy has vision and a memory; allowed: one of them or neither")
     if policy.memory is not None:
         _check_memory(policy.memory, size[0])
-        size = (size[0] + policy.memory.units,)
+        size = (size[0] + policy.memory.num_units,)
     for layer, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
         _check_shape(f"actor.{layer}.weight", weight, (*size, None))
         size = weight.shape[1:]
@@ -311,7 +311,7 @@ def _check_shapes(policy: Policy) -> None:
 
 def _check_memory(memory: GatedRecurrentUnit, inputs: int) -> None:
     _check_shape("memory.hidden_weight", memory.hidden_weight, (None, None))
-    gates = 3 * memory.units
+    gates = 3 * memory.num_units
     _check_shape("memory.hidden_weight", memory.hidden_weight, (None, gates))
     _check_shape("memory.hidden_bias", memory.hidden_bias, (gates,))
     _check_shape("memory.input_weight", memory.input_weight, (inputs, gates))
@@ -338,7 +338,7 @@ def _tensors(policy: Policy) -> dict[str, np.ndarray]:
         "observation.epsilon": np.array([policy.observation_epsilon], np.float64),
         _ACTION_STD: np.array([policy.action_std], np.float64),
         **memory,
-        **({} if policy.vision is None else policy.vision.tensors()),
+        **({} if policy.vision is None else policy.vision.to_tensors()),
         **{f"actor.{layer}.weight": weight for layer, weight in enumerate(policy.weights)},
         **{f"actor.{layer}.bias": bias for layer, bias in enumerate(policy.biases)},
     }
@@ -421,7 +421,7 @@ def _read_metadata(header: dict[str, str]) -> tuple[int, PolicyMetadata]:
         )
     try:
         version = msgspec.json.decode(header[_HEADER], type=_Version).format_version
-        versions = FORMAT_VERSION, RECURRENT_FORMAT_VERSION, VISUAL_FORMAT_VERSION
+        versions = FEEDFORWARD_FORMAT_VERSION, RECURRENT_FORMAT_VERSION, VISUAL_FORMAT_VERSION
         if version not in versions:
             raise PolicyError(
                 f"the file has format version {version}; allowed: {', '.join(map(str, versions))}. Install the AVR Gym "

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from avrgym.array_types import FloatArray, NumpyArray
-from avrgym.networks.layers import matrix_product, read_only_copy
+from avrgym.networks.layers import copy_read_only, multiply_matrices
 
 MAX_INPUT_DEPTH_M = 1.2
 """Depth that corresponds to 1 in the network's input. Larger depths are clipped to 1."""
@@ -44,32 +44,32 @@ class VisionNetwork:
 
     def __post_init__(self) -> None:
         for name in ("kernels", "kernel_biases", "dense_weights", "dense_biases"):
-            object.__setattr__(self, name, tuple(read_only_copy(array) for array in getattr(self, name)))
+            object.__setattr__(self, name, tuple(copy_read_only(array) for array in getattr(self, name)))
         for name in ("strides", "estimated_indices"):
-            object.__setattr__(self, name, read_only_copy(getattr(self, name)))
+            object.__setattr__(self, name, copy_read_only(getattr(self, name)))
 
-    def fill_estimates(self, rows: FloatArray, image: FloatArray) -> FloatArray:
+    def fill_estimated_entries(self, rows: FloatArray, image: FloatArray) -> FloatArray:
         """Returns normalised observations (N, O) with the network's estimates in the estimated entries.
 
         Args:
             rows: normalised observations (N, O). The values of estimated entries are not used.
-            image: input images (N, H, W, C), from ``vision_input``.
+            image: input images (N, H, W, C), from ``make_vision_input``.
         """
         estimated = self.estimated_indices.astype(np.intp)
         features = image
         for kernel, bias, stride in zip(self.kernels, self.kernel_biases, self.strides, strict=True):
             features = np.maximum(_convolved(features, kernel, int(stride)) + bias, 0.0)
         first, second, last = zip(self.dense_weights, self.dense_biases, strict=True)
-        seen = np.maximum(matrix_product(features.reshape(len(rows), -1), first[0]) + first[1], 0.0)
+        seen = np.maximum(multiply_matrices(features.reshape(len(rows), -1), first[0]) + first[1], 0.0)
         measured = np.delete(rows, estimated, axis=1)
         joined = np.maximum(
-            matrix_product(np.concatenate([seen, measured], axis=1), second[0]) + second[1], 0.0
+            multiply_matrices(np.concatenate([seen, measured], axis=1), second[0]) + second[1], 0.0
         )
         filled = rows.copy()
-        filled[:, estimated] = matrix_product(joined, last[0]) + last[1]
+        filled[:, estimated] = multiply_matrices(joined, last[0]) + last[1]
         return filled
 
-    def tensors(self) -> dict[str, NumpyArray]:
+    def to_tensors(self) -> dict[str, NumpyArray]:
         """Returns the arrays of the network by their names in a policy file."""
         found: dict[str, NumpyArray] = {
             "vision.strides": self.strides,
@@ -151,7 +151,7 @@ VISION_TENSOR_NAMES = (
 """Names of the vision network's arrays in a policy file."""
 
 
-def vision_input(images: Mapping[str, NumpyArray]) -> FloatArray:
+def make_vision_input(images: Mapping[str, NumpyArray]) -> FloatArray:
     """Returns the network's input (N, H, W, C) for images of one camera, by kind: ``rgb`` (N, H, W, 3) or ``depth`` (N,
     H, W)."""
     parts: list[FloatArray] = []
@@ -174,4 +174,4 @@ def _convolved(image: FloatArray, kernel: FloatArray, stride: int) -> FloatArray
     windows = np.lib.stride_tricks.sliding_window_view(image, (size, size), axis=(1, 2))
     windows = windows[:, ::stride, ::stride].transpose(0, 1, 2, 4, 5, 3)
     rows = windows.reshape(-1, size * size * channels)
-    return matrix_product(rows, kernel.reshape(-1, outputs)).reshape(*windows.shape[:3], outputs)
+    return multiply_matrices(rows, kernel.reshape(-1, outputs)).reshape(*windows.shape[:3], outputs)

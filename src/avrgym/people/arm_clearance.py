@@ -8,10 +8,10 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import constant_like, namespace
+from avrgym.geometry.arrays import constant_like, get_namespace
 from avrgym.geometry.capsules import segment_box_distance, segment_distance
 from avrgym.models import human
-from avrgym.models.human import GEOMS, RIGHT_ARM_BODIES, SEATED, Z_AXIS, People, Posture
+from avrgym.models.human import GEOMS, RIGHT_ARM_BODIES, SEATED_POSTURE, Z_AXIS, People, Posture
 from avrgym.models.robot import FurnitureBuilder
 from avrgym.models.task_frame import X_AXIS_INDEX, TaskFrame
 
@@ -21,14 +21,14 @@ class Boxes:
     """B boxes in the world frame: centres (B, 3), orientations (B, 4) and half edges (B, 3)."""
 
     pos_w: FloatArray
-    q_w: FloatArray
+    quat_w: FloatArray
     half_size_m: FloatArray
 
-    def in_frame(self, frame: TaskFrame) -> "Boxes":
+    def transform_to_frame(self, frame: TaskFrame) -> "Boxes":
         """Returns the boxes, converted from the world frame to the task's frame ``frame``."""
         return Boxes(
             frame.transform_points(self.pos_w),
-            frame.transform_rotations(self.q_w, X_AXIS_INDEX),
+            frame.transform_rotations(self.quat_w, X_AXIS_INDEX),
             self.half_size_m,
         )
 
@@ -51,7 +51,7 @@ _PART = np.array([_NAMES.index(part) for part, _ in CHECKED_CAPSULE_PAIRS])
 _OTHER = np.array([_NAMES.index(other) for _, other in CHECKED_CAPSULE_PAIRS])
 
 
-def furniture_boxes(furniture: Sequence[FurnitureBuilder]) -> Boxes:
+def make_furniture_boxes(furniture: Sequence[FurnitureBuilder]) -> Boxes:
     """Returns the collision boxes of furniture at its default position, world frame."""
     spec = mujoco.MjSpec()
     for add in furniture:
@@ -64,16 +64,18 @@ def furniture_boxes(furniture: Sequence[FurnitureBuilder]) -> Boxes:
     return Boxes(data.geom_xpos[boxes], transforms.from_matrix(rotation), model.geom_size[boxes])
 
 
-def person_capsules(people: People, posture: Posture = SEATED) -> tuple[FloatArray, FloatArray]:
+def compute_person_capsules(
+    people: People, posture: Posture = SEATED_POSTURE
+) -> tuple[FloatArray, FloatArray]:
     """Returns the body capsules of N people, in the order of ``human.GEOMS``.
 
     Returns:
         Ends of the capsule axes (N, G, 2, 3) in the world frame, and radii (N, G) in metres. The axis of a sphere has
         length zero.
     """
-    xp = namespace(people.torso_height_m)
-    layout = human.body_layout_of_people(people, posture)
-    pos_w, q_w = human.body_frames(people, posture)
+    xp = get_namespace(people.torso_height_m)
+    layout = human.compute_people_layout(people, posture)
+    pos_w, q_w = human.compute_body_frames(people, posture)
     segments: list[FloatArray] = []
     for name, geom in GEOMS.items():
         reach = layout.geom_size[name][:, 1:2] * constant_like(
@@ -85,7 +87,9 @@ def person_capsules(people: People, posture: Posture = SEATED) -> tuple[FloatArr
     return xp.stack(segments, axis=1), xp.stack(radii, axis=1)
 
 
-def clearance(segments_w: FloatArray, radii_m: FloatArray, furniture: Boxes | None = None) -> FloatArray:
+def compute_arm_clearance_m(
+    segments_w: FloatArray, radii_m: FloatArray, furniture: Boxes | None = None
+) -> FloatArray:
     """Returns the smallest distance (N,) in metres between the right arm and the body or furniture. It is negative for
     an overlap.
 
@@ -97,7 +101,7 @@ def clearance(segments_w: FloatArray, radii_m: FloatArray, furniture: Boxes | No
         furniture: additional obstacles, or None.
     """
     xp, first, second = (
-        namespace(segments_w),
+        get_namespace(segments_w),
         constant_like(_PART, segments_w),
         constant_like(_OTHER, segments_w),
     )
@@ -112,5 +116,5 @@ def clearance(segments_w: FloatArray, radii_m: FloatArray, furniture: Boxes | No
 
 def _furniture_gap(segments_w: FloatArray, radii_m: FloatArray, boxes: Boxes) -> FloatArray:
     begin, end = segments_w[:, :, None, 0], segments_w[:, :, None, 1]
-    to_axis = segment_box_distance(boxes.pos_w, boxes.q_w, boxes.half_size_m, begin, end)
-    return namespace(to_axis).min(to_axis - radii_m[..., None], axis=(1, 2))
+    to_axis = segment_box_distance(boxes.pos_w, boxes.quat_w, boxes.half_size_m, begin, end)
+    return get_namespace(to_axis).min(to_axis - radii_m[..., None], axis=(1, 2))

@@ -28,12 +28,12 @@ from functools import partial
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.geometry.arrays import choose_index, constant_like, interpolate, namespace
+from avrgym.geometry.arrays import choose_index, constant_like, get_namespace, interpolate
 from avrgym.models.human import JOINTS
-from avrgym.people.impaired_motion import UNLIMITED_SPEED_RAD_S, MotorSigns, unimpaired_signs
+from avrgym.people.impaired_motion import UNLIMITED_SPEED_RAD_S, MotorSigns, make_unimpaired_signs
 from avrgym.people.population_names import SEVERITIES, ImpairmentName
 
-SPASTIC_RESISTANCE_N_M, STRETCH_RAD_S = (0.5, 4.0), float(np.radians(100.0))
+SPASTIC_RESISTANCE_N_M, STRETCH_SPEED_RAD_S = (0.5, 4.0), float(np.radians(100.0))
 """Resistance torques of a spastic elbow to a stretch, at the lowest and the highest severity. The last value is the
 speed of the stretch.
 """
@@ -42,12 +42,12 @@ SPASTIC_MOBILITY_RANGE = (1.0, 0.6)
 AFFECTED_SPEED_LIMIT_RANGE_RAD_S = (float(np.radians(120.0)), float(np.radians(30.0)))
 """Speed limits of affected joints in rad/s, at the lowest and the highest severity."""
 PARETIC_MOBILITY, PARETIC_STRENGTH = (0.9, 0.1), (0.7, 0.1)
-PASSIVE_TORQUE_SHARE = 0.05
+PASSIVE_TORQUE_FRACTION = 0.05
 """Torque of joints without voluntary control, as a share of the healthy torque.
 
 Passive tissue, backrest and armrests cause this torque (assumption).
 """
-MUSCLE_GRADE_3_TORQUE_SHARE = 0.25
+MUSCLE_GRADE_3_TORQUE_FRACTION = 0.25
 """Torque of muscles of grade 3, as a share of the healthy torque (assumption).
 
 These muscles hold the limb against gravity. Grade 3 is far below half of the full torque (MacAvoy and Green, J. Hand
@@ -72,13 +72,13 @@ _IN_ARM = np.array([joint.body not in ("torso", "head") for joint in JOINTS.valu
 _SPINAL_LEVELS: tuple[Mapping[str, tuple[float, float, float]], ...] = (
     {  # C6
         "shoulder_x": (1.0, 1.0, 1.0), "shoulder_y": (1.0, 1.0, 1.0), "shoulder_z": (1.0, 1.0, 1.0),
-        "elbow_x": (1.0, 1.0, PASSIVE_TORQUE_SHARE), "forearm_z": (1.0, 1.0, 1.0),
-        "wrist_x": (0.5, MUSCLE_GRADE_3_TORQUE_SHARE, MUSCLE_GRADE_3_TORQUE_SHARE),
+        "elbow_x": (1.0, 1.0, PASSIVE_TORQUE_FRACTION), "forearm_z": (1.0, 1.0, 1.0),
+        "wrist_x": (0.5, MUSCLE_GRADE_3_TORQUE_FRACTION, MUSCLE_GRADE_3_TORQUE_FRACTION),
     },
     {  # C5
         "shoulder_x": (0.5, 0.5, 0.5), "shoulder_y": (0.5, 0.5, 0.5), "shoulder_z": (0.5, 0.5, 0.5),
-        "elbow_x": (0.7, MUSCLE_GRADE_3_TORQUE_SHARE, PASSIVE_TORQUE_SHARE),
-        "forearm_z": (0.5, MUSCLE_GRADE_3_TORQUE_SHARE, MUSCLE_GRADE_3_TORQUE_SHARE),
+        "elbow_x": (0.7, MUSCLE_GRADE_3_TORQUE_FRACTION, PASSIVE_TORQUE_FRACTION),
+        "forearm_z": (0.5, MUSCLE_GRADE_3_TORQUE_FRACTION, MUSCLE_GRADE_3_TORQUE_FRACTION),
     },
     {},  # C4
 )  # fmt: skip
@@ -99,7 +99,7 @@ def sample_motor_signs(impairment: ImpairmentName, uniforms: FloatArray) -> Moto
     severity, grades = uniforms[:, 0], SEVERITIES[name]
     if grade:
         severity = (grades.index(grade) + severity) / len(grades)
-    return _SIGNS[name](unimpaired_signs(uniforms[:, 1:]), severity)
+    return _SIGNS[name](make_unimpaired_signs(uniforms[:, 1:]), severity)
 
 
 def _by_joint(share: FloatArray, low_high: tuple[float, float], factors: FloatArray) -> FloatArray:
@@ -115,7 +115,7 @@ def _affected(
     """Returns values (n, 20): interpolated between ``low_high`` for the joints of the mask ``joints`` (20,), and
     ``other`` for other joints.
     """
-    xp = namespace(share)
+    xp = get_namespace(share)
     return xp.where(constant_like(joints, share), interpolate(low_high, share)[:, None], other)
 
 
@@ -127,7 +127,7 @@ def _by_part(severity: FloatArray, degrees: Mapping[str, tuple[float, float]]) -
 
 
 def _spasticity(signs: MotorSigns, severity: FloatArray) -> MotorSigns:
-    elbow = (SPASTIC_RESISTANCE_N_M[0] / STRETCH_RAD_S, SPASTIC_RESISTANCE_N_M[1] / STRETCH_RAD_S)
+    elbow = (SPASTIC_RESISTANCE_N_M[0] / STRETCH_SPEED_RAD_S, SPASTIC_RESISTANCE_N_M[1] / STRETCH_SPEED_RAD_S)
     parts = np.array([_STIFFNESS.get(name.split("_")[1], 0.0) for name in JOINTS])
     return replace(
         signs,
@@ -143,7 +143,7 @@ def _hemiparesis(signs: MotorSigns, severity: FloatArray, *, side: str) -> Motor
     return replace(
         signs,
         mobility=_affected(severity, PARETIC_MOBILITY, joints, 1.0),
-        torque_share=strength[..., None] * signs.torque_share,
+        torque_fraction=strength[..., None] * signs.torque_fraction,
         max_speed_rad_s=_affected(severity, AFFECTED_SPEED_LIMIT_RANGE_RAD_S, joints, UNLIMITED_SPEED_RAD_S),
     )
 
@@ -151,12 +151,12 @@ def _hemiparesis(signs: MotorSigns, severity: FloatArray, *, side: str) -> Motor
 def _spinal_cord_injury(signs: MotorSigns, severity: FloatArray) -> MotorSigns:
     driven = constant_like(np.array([_driven_joints(level) for level in _SPINAL_LEVELS]), severity)
     shares = driven[choose_index(severity, len(_SPINAL_LEVELS))]
-    return replace(signs, mobility=shares[..., 0], torque_share=shares[..., 1:])
+    return replace(signs, mobility=shares[..., 0], torque_fraction=shares[..., 1:])
 
 
 def _driven_joints(level: Mapping[str, tuple[float, float, float]]) -> FloatArray:
     """Returns mobility and two torque shares of each joint, (20, 3), at a level of spinal cord injury."""
-    passive = 0.0, PASSIVE_TORQUE_SHARE, PASSIVE_TORQUE_SHARE
+    passive = 0.0, PASSIVE_TORQUE_FRACTION, PASSIVE_TORQUE_FRACTION
     return np.array(
         [
             (1.0, 1.0, 1.0) if joint.body == "head" else level.get(name.partition("_")[2], passive)

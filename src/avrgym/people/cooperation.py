@@ -2,8 +2,8 @@
 
 They perceive the tool with a reaction delay. In feeding and drinking they turn the face to the tool, and lean towards a
 tool that is near. In scratching and bathing they lift the arm towards a tool that is near. They also sway. Reaction
-times of 0.2 to 0.4 s and sway below 0.5 Hz are assumptions about adults who do not hurry. ``people.motor`` moves the
-joints.
+times of 0.2 to 0.4 s and sway below 0.5 Hz are assumptions about adults who do not hurry. ``people.motor_model``
+moves the joints.
 """
 
 from collections.abc import Mapping
@@ -14,12 +14,12 @@ import numpy as np
 
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry import elementary, transforms
-from avrgym.geometry.arrays import constant_like, float_copy, interpolate, namespace, row_indices
+from avrgym.geometry.arrays import constant_like, copy_as_float, get_namespace, interpolate, make_row_indices
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.people import motor
-from avrgym.people.motor import MotorState
+from avrgym.people import motor_model
+from avrgym.people.motor_model import MotorState
 
 OfferedBodyPart = Literal["mouth", "arm", "left_arm", "nothing"]
 """Body part that people move towards the tool. ``arm`` is the right arm.
@@ -52,7 +52,7 @@ class PersonObservation(Protocol):
         ...
 
 
-NUM_UNIFORMS = 6
+NUM_RANDOM_NUMBERS = 6
 """Number of uniform random numbers for the behaviour parameters of one person."""
 
 TOOL_HISTORY_LENGTH = 5
@@ -65,12 +65,12 @@ SWAY_AMPLITUDE_RANGE_RAD = (float(np.radians(0.3)), float(np.radians(1.0)))
 SWAY_FREQUENCY_RANGE_HZ = (0.1, 0.3)
 """Range of the frequency at which people sway, in Hz."""
 
-MOUTH_APPROACH_DISTANCE_M, LEAN_RAD = 0.30, float(np.radians(10.0))
+MOUTH_APPROACH_DISTANCE_M, LEAN_ANGLE_RAD = 0.30, float(np.radians(10.0))
 ARM_APPROACH_DISTANCE_M, ARM_LIFT_ANGLE_RAD = 0.40, float(np.radians(8.0))
 MAX_HEAD_TURN_RAD = np.radians([30.0, 0.0, 40.0])
 SPEED_FACTOR_RANGE = (0.82, 1.18)
-"""Range of the factor that multiplies the speed and acceleration limits of ``people.motor``. It is the same as for the
-zoo's style ``cooperating``.
+"""Range of the factor that multiplies the speed and acceleration limits of ``people.motor_model``. It is the same as
+for the zoo's style ``cooperating``.
 """
 
 OFFERED_JOINTS: Mapping[OfferedBodyPart, tuple[str, ...]] = {
@@ -113,11 +113,11 @@ class CooperationState:
     sway_phase_rad: FloatArray
 
 
-def initial_state(people: People, uniforms: FloatArray) -> CooperationState:
+def make_initial_state(people: People, uniforms: FloatArray) -> CooperationState:
     """Returns the initial state of n people. Behaviour parameters are sampled from uniform random numbers (n,
-    ``NUM_UNIFORMS``).
+    ``NUM_RANDOM_NUMBERS``).
     """
-    xp, count = namespace(uniforms), len(uniforms)
+    xp, count = get_namespace(uniforms), len(uniforms)
     low, high = REACTION_DELAY_RANGE_STEPS
     return CooperationState(
         tool_history_w=xp.full(
@@ -145,9 +145,9 @@ def choose_goal_angles(
 
     ``goals_rad`` (N, 20) are the previous goals. Goals of joints that do not react to the tool do not change.
     """
-    xp = namespace(state.joint_targets_rad)
+    xp = get_namespace(state.joint_targets_rad)
     history = xp.concat([observation.tool_pos_w[:, None], state.tool_history_w[:, :-1]], axis=1)
-    tool = history[row_indices(history), state.reaction_delay_steps]
+    tool = history[make_row_indices(history), state.reaction_delay_steps]
     match offered:
         case "mouth":
             goals = _mouth_goals(state, goals_rad, observation, tool, posture)
@@ -163,18 +163,18 @@ def advance_time(state: CooperationState) -> CooperationState:
     return replace(state, time_s=state.time_s + CONTROL_STEP_S)
 
 
-def initial_motor_state(
+def make_initial_motor_state(
     state: CooperationState, people: People, uniforms: FloatArray, *, sways: bool
 ) -> MotorState:
-    """Returns the initial state of the motor model, from the same random numbers as ``initial_state``.
+    """Returns the initial state of the motor model, from the same random numbers as ``make_initial_state``.
 
     ``sways``: whether people sway and have physiological tremor.
     """
-    none, further = 0.0 * state.time_s, motor.derive_uniforms(uniforms)
-    rhythms = motor.sample_rhythms(
+    none, further = 0.0 * state.time_s, motor_model.derive_random_numbers(uniforms)
+    rhythms = motor_model.sample_rhythms(
         state.sway_amplitude_rad, state.sway_hz, state.sway_phase_rad, none, none, further[:, 4:6]
     )
-    return motor.initial_state(
+    return motor_model.make_initial_state(
         people, rhythms if sways else None, interpolate(SPEED_FACTOR_RANGE, further[:, 3]), further[:, :3]
     )
 
@@ -189,15 +189,19 @@ def _mouth_goals(
     """Returns the goal joint angles (N, 20) that turn the face to the tool. If the tool is near and in front, the waist
     leans towards it.
     """
-    xp, most, head = namespace(tool_w), constant_like(MAX_HEAD_TURN_RAD, tool_w), constant_like(_HEAD, tool_w)
+    xp, most, head = (
+        get_namespace(tool_w),
+        constant_like(MAX_HEAD_TURN_RAD, tool_w),
+        constant_like(_HEAD, tool_w),
+    )
     visible = xp.isfinite(tool_w).all(axis=-1)
     offset = xp.where(visible[:, None], tool_w, observation.mouth_pos_w) - observation.head_pos_w
-    ahead = to_torso_frame(state.joint_targets_rad, offset, posture)
-    turn = xp.clip(state.facing_share[:, None] * head_angles_toward(ahead), -most, most)
+    ahead = transform_to_torso_frame(state.joint_targets_rad, offset, posture)
+    turn = xp.clip(state.facing_share[:, None] * compute_head_angles_toward(ahead), -most, most)
     near = visible & (transforms.norm(ahead) < MOUTH_APPROACH_DISTANCE_M) & (ahead[:, 1] < 0.0)
-    goals = float_copy(goals_rad)
+    goals = copy_as_float(goals_rad)
     goals[:, head] = xp.where(visible[:, None], turn, goals[:, head])
-    goals[:, _WAIST_X] = xp.where(near, LEAN_RAD, goals[:, _WAIST_X])
+    goals[:, _WAIST_X] = xp.where(near, LEAN_ANGLE_RAD, goals[:, _WAIST_X])
     return goals
 
 
@@ -206,28 +210,30 @@ def _arm_goals(
 ) -> FloatArray:
     """Returns the goal joint angles (N, 20). If the tool is near, the right arm is lifted sideways and stretched a
     little."""
-    xp, lift = namespace(tool_w), constant_like(_LIFT, tool_w)
+    xp, lift = get_namespace(tool_w), constant_like(_LIFT, tool_w)
     gap = xp.min(transforms.norm(observation.right_arm_pos_w - tool_w[:, None]), axis=-1)
     raised = state.initial_angles_rad[:, lift] + ARM_LIFT_ANGLE_RAD
-    goals = float_copy(goals_rad)
+    goals = copy_as_float(goals_rad)
     goals[:, lift] = xp.where((gap < ARM_APPROACH_DISTANCE_M)[:, None], raised, goals[:, lift])
     return goals
 
 
-def to_torso_frame(joint_angles_rad: FloatArray, offset_w: FloatArray, posture: Posture) -> FloatArray:
+def transform_to_torso_frame(
+    joint_angles_rad: FloatArray, offset_w: FloatArray, posture: Posture
+) -> FloatArray:
     """Returns offsets (N, 3), converted from the world frame to the torso frame. In the torso frame, −y points
     forwards.
     """
-    hips, torso = (human.body_rotation(body, joint_angles_rad, posture) for body in ("hips", "torso"))
+    hips, torso = (human.compute_body_rotation(body, joint_angles_rad, posture) for body in ("hips", "torso"))
     return transforms.rotate(transforms.conjugate(transforms.multiply(hips, torso)), offset_w)
 
 
-def head_angles_toward(ahead: FloatArray) -> FloatArray:
+def compute_head_angles_toward(ahead: FloatArray) -> FloatArray:
     """Returns head joint angles (N, 3) that turn the face to points.
 
     ``ahead`` (N, 3) are the offsets of the points from the head, in the torso frame.
     """
-    xp = namespace(ahead)
+    xp = get_namespace(ahead)
     facing = xp.zeros_like(ahead)
     facing[:, 0] = elementary.arctan2(-ahead[:, 2], -ahead[:, 1])
     distance = xp.maximum(transforms.norm(ahead), 1e-9)

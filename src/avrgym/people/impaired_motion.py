@@ -11,7 +11,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary
-from avrgym.geometry.arrays import namespace
+from avrgym.geometry.arrays import get_namespace
 
 UNLIMITED_SPEED_RAD_S = 1e3
 """Speed limit of joints without an impairment. No joint reaches it."""
@@ -21,7 +21,11 @@ NATURAL_FREQUENCY_RAD_S = 2.0 * np.pi * 1.5
 After a goal that moved at constant speed, these joints overshoot in proportion to this speed. Hypermetria increases
 with speed in the same way (Topka et al., Exp. Brain Res. 119:483, 1998).
 """
-GOAL_MOTION_DECAY_S, HALF_TREMOR_MOTION_RAD, HALF_TREMOR_SPEED_RAD_S = 1.0, float(np.radians(5.0)), 0.2
+GOAL_MOTION_DECAY_S, HALF_AMPLITUDE_GOAL_MOTION_RAD, HALF_AMPLITUDE_TARGET_SPEED_RAD_S = (
+    1.0,
+    float(np.radians(5.0)),
+    0.2,
+)
 """Parameters of the intention tremor (assumptions).
 
 The amplitude exceeds half of its maximum if the goal moved by more than 5° in the last second. The amplitude is halved
@@ -44,7 +48,7 @@ class MotorSigns:
 
     Attributes:
         mobility: executed share of the commanded displacement from the initial pose (N, 20).
-        torque_share: torques towards the lower and the upper joint limit, as a share of the full torques (N, 20, 2).
+        torque_fraction: torques towards the lower and the upper joint limit, as a share of the full torques (N, 20, 2).
         damping_n_m_s: passive damping of each joint, N m s/rad (N, 20).
         max_speed_rad_s: maximum speed of the executed motion (N, 20).
         damping_ratio: damping ratio (N, 20). Below 1, the joint overshoots as a second-order system.
@@ -55,7 +59,7 @@ class MotorSigns:
     """
 
     mobility: FloatArray
-    torque_share: FloatArray
+    torque_fraction: FloatArray
     damping_n_m_s: FloatArray
     max_speed_rad_s: FloatArray
     damping_ratio: FloatArray
@@ -84,13 +88,13 @@ class ImpairedMotionState:
     time_s: FloatArray
 
 
-def unimpaired_signs(phase: FloatArray) -> MotorSigns:
+def make_unimpaired_signs(phase: FloatArray) -> MotorSigns:
     """Returns the motor signs of n people without impairments. ``phase`` (n, 20) are random numbers in [0, 1)."""
-    xp = namespace(phase)
+    xp = get_namespace(phase)
     none, full = xp.zeros_like(phase), xp.ones_like(phase)
     return MotorSigns(
         mobility=full,
-        torque_share=xp.stack([full, full], axis=-1),
+        torque_fraction=xp.stack([full, full], axis=-1),
         damping_n_m_s=none,
         max_speed_rad_s=UNLIMITED_SPEED_RAD_S * full,
         damping_ratio=full,
@@ -101,13 +105,13 @@ def unimpaired_signs(phase: FloatArray) -> MotorSigns:
     )
 
 
-def initial_state(rest_rad: FloatArray) -> ImpairedMotionState:
+def make_initial_state(rest_rad: FloatArray) -> ImpairedMotionState:
     """Returns the state of n people at rest in their initial pose (n, 20)."""
-    none = namespace(rest_rad).zeros_like(rest_rad)
+    none = get_namespace(rest_rad).zeros_like(rest_rad)
     return ImpairedMotionState(rest_rad, none, rest_rad, none, none[:, 0])
 
 
-def step(
+def step_impaired_motion(
     signs: MotorSigns,
     state: ImpairedMotionState,
     targets_rad: FloatArray,
@@ -118,7 +122,7 @@ def step(
 
     ``targets_rad`` (N, 20) are the commanded targets, ``rest_rad`` (N, 20) is the initial pose.
     """
-    xp = namespace(targets_rad)
+    xp = get_namespace(targets_rad)
     goal = rest_rad + signs.mobility * (targets_rad - rest_rad)
     change = xp.abs(goal - state.goal_angles_rad)
     executed, speed = _follow(signs, state, goal, step_s)
@@ -141,7 +145,7 @@ def _follow(
 
     Ataxic joints are second-order systems. Other joints reach the goal immediately, within their maximum speed.
     """
-    xp, ataxic = namespace(goal), signs.damping_ratio < 1.0
+    xp, ataxic = get_namespace(goal), signs.damping_ratio < 1.0
     substeps = max(1, round(step_s / INTEGRATION_STEP_S))
     substep_s = step_s / substeps
     most = signs.max_speed_rad_s * substep_s
@@ -161,8 +165,8 @@ def _intention_tremor_rad(
     """Returns the displacement of the joints by intention tremor (N, 20), radians. The tremor grows when a movement
     slows down near its goal.
     """
-    active = state.recent_goal_motion_rad / (state.recent_goal_motion_rad + HALF_TREMOR_MOTION_RAD)
-    terminal = 1.0 / (1.0 + goal_speed_rad_s / HALF_TREMOR_SPEED_RAD_S)
+    active = state.recent_goal_motion_rad / (state.recent_goal_motion_rad + HALF_AMPLITUDE_GOAL_MOTION_RAD)
+    terminal = 1.0 / (1.0 + goal_speed_rad_s / HALF_AMPLITUDE_TARGET_SPEED_RAD_S)
     angle = 2.0 * np.pi * ((signs.tremor_hz * state.time_s)[:, None] + signs.oscillation_phase)
     return signs.intention_tremor_rad * active * terminal * elementary.sin(angle)
 
@@ -171,7 +175,7 @@ def _dyskinesia_rad(signs: MotorSigns, state: ImpairedMotionState) -> FloatArray
     """Returns the displacement of the joints by dyskinesia (N, 20), radians. Frequencies differ by up to ±20 % between
     joints.
     """
-    xp = namespace(signs.oscillation_phase)
+    xp = get_namespace(signs.oscillation_phase)
     pace = 0.8 + 0.4 * signs.oscillation_phase
     wave = sum(
         weight

@@ -11,12 +11,12 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary
-from avrgym.geometry.arrays import RAD_PER_DEGREE, constant_like, namespace
+from avrgym.geometry.arrays import RAD_PER_DEGREE, constant_like, get_namespace
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.people import cooperation
 from avrgym.people.cooperation import CooperationState, OfferedBodyPart, PersonObservation
-from avrgym.people.motor import (
+from avrgym.people.motor_model import (
     MAX_JOINT_ACCELERATION_RAD_S2,
     MAX_JOINT_SPEED_RAD_S,
     STARTLE_ACCELERATION_FACTOR,
@@ -50,7 +50,7 @@ def step_participants(
             state, state.joint_targets_rad, observation, offered, posture
         )
         reach = constant_like(MAX_PARTICIPANT_SPEED_RAD_S * CONTROL_STEP_S, state.joint_targets_rad)
-        moved = state.joint_targets_rad + namespace(goals).clip(
+        moved = state.joint_targets_rad + get_namespace(goals).clip(
             goals - state.joint_targets_rad, -reach, reach
         )
         state = replace(state, joint_targets_rad=moved)
@@ -75,13 +75,13 @@ def step_partners(
 
 def _tremor_direction(time_s: FloatArray) -> FloatArray:
     """Returns the sign (N, 1) of the tremor. It alternates between −1 and 1 from step to step (paper's code)."""
-    odd = namespace(time_s).round(time_s / CONTROL_STEP_S) % 2
+    odd = get_namespace(time_s).round(time_s / CONTROL_STEP_S) % 2
     return (2.0 * odd - 1.0)[:, None]
 
 
 def _sway_rad(state: CooperationState) -> FloatArray:
     """Returns the sway of the joints (N, 20): the waist moves forwards, backwards and sideways."""
-    xp = namespace(state.joint_targets_rad)
+    xp = get_namespace(state.joint_targets_rad)
     angle = 2.0 * np.pi * state.sway_hz * state.time_s
     phase = state.sway_phase_rad[:, :2].T
     shift = elementary.sin(xp.stack([angle, 0.7 * angle]) + phase) - elementary.sin(phase)
@@ -95,9 +95,9 @@ def _sway_rad(state: CooperationState) -> FloatArray:
 
 def _oscillation_rad(state: PartnerState) -> FloatArray:
     """Returns the motion of the joints (N, 20) by sway and chewing. It is zero at the start of the episode."""
-    xp, parameters = namespace(state.joint_targets_rad), BehaviourParameters.from_table(state.parameters)
+    xp, parameters = get_namespace(state.joint_targets_rad), BehaviourParameters.from_table(state.parameters)
     wave = xp.zeros_like(state.joint_targets_rad)
-    phase = 2.0 * np.pi * state.uniforms[:, :2].T
+    phase = 2.0 * np.pi * state.random_numbers[:, :2].T
     angle = 2.0 * np.pi * parameters.sway_hz * state.time_s
     swung = elementary.sin(xp.stack([angle, 0.7 * angle]) + phase) - elementary.sin(phase)
     extent = RAD_PER_DEGREE * parameters.sway_deg
@@ -111,7 +111,7 @@ def _onset_share(state: PartnerState) -> FloatArray:
     """Returns the amplitude (N,) of chewing and tremor as a share of the full amplitude. It increases from 0 to 1 in
     the first second.
     """
-    return namespace(state.time_s).minimum(state.time_s / AMPLITUDE_ONSET_S, 1.0)
+    return get_namespace(state.time_s).minimum(state.time_s / AMPLITUDE_ONSET_S, 1.0)
 
 
 def _track(state: PartnerState, desired: FloatArray) -> PartnerState:
@@ -119,7 +119,7 @@ def _track(state: PartnerState, desired: FloatArray) -> PartnerState:
 
     Their speeds decrease early enough to stop at these angles.
     """
-    xp, parameters = namespace(desired), BehaviourParameters.from_table(state.parameters)
+    xp, parameters = get_namespace(desired), BehaviourParameters.from_table(state.parameters)
     startled = (state.time_since_startle_s <= parameters.startle_duration_s)[:, None]
     speed_factor = parameters.speed_share[:, None]
     most = constant_like(MAX_JOINT_SPEED_RAD_S, desired) * xp.where(

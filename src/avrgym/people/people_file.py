@@ -18,7 +18,7 @@ from avrgym.system.files import read_user_text
 from avrgym.system.type_guards import is_array, is_table
 
 ValueRange = tuple[float, float]
-MeanAndDeviation = tuple[float, float]
+MeanAndStandardDeviation = tuple[float, float]
 """Mean and standard deviation of a behaviour parameter of one participant."""
 
 
@@ -66,7 +66,7 @@ class PeopleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     torso_height_m: TorsoHeights
     poses: dict[str, dict[str, ValueRange]] = {}
     source: FittedStudy | None = None
-    behaviour: tuple[dict[str, MeanAndDeviation], ...] = ()
+    behaviour: tuple[dict[str, MeanAndStandardDeviation], ...] = ()
 
 
 def read_people(path: Path, tasks: Collection[str]) -> PeopleFile:
@@ -115,7 +115,7 @@ def _mistakes(values: Mapping[str, Any], tasks: Collection[str]) -> Iterator[str
             if joint not in JOINTS:
                 yield f"poses.{task}: unknown joint {joint!r}; allowed: {', '.join(JOINTS)}"
                 continue
-            limits = JOINTS[joint].lower_deg, JOINTS[joint].upper_deg
+            limits = JOINTS[joint].lower_limit_deg, JOINTS[joint].upper_limit_deg
             yield from _range_mistakes(f"poses.{task}.{joint}", angles, limits, "degrees")
     participants = values.get("behaviour")
     for number, estimates in enumerate(participants if is_array(participants) else (), start=1):

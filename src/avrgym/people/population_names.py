@@ -4,11 +4,19 @@ from collections.abc import Mapping
 
 from avrgym.people.zoo.styles import COMMANDING_STYLE_NAME, STYLES
 
-ORIGINAL, REVISED, PARTICIPANTS = "original", "revised", "participants"
-ANTHROPOMETRIC = "anthropometric"
+ORIGINAL_POPULATION, REVISED_POPULATION, PARTICIPANT_POPULATION = "original", "revised", "participants"
+ANTHROPOMETRIC_POPULATION = "anthropometric"
 TRAIN_ZOO, UNSEEN_ZOO, EXTREME_ZOO = "zoo/train", "zoo/unseen", "zoo/extreme"
-POPULATION_NAMES = (ORIGINAL, REVISED, PARTICIPANTS, ANTHROPOMETRIC, TRAIN_ZOO, UNSEEN_ZOO, EXTREME_ZOO)
-ALLOWED_PEOPLE = (
+POPULATION_NAMES = (
+    ORIGINAL_POPULATION,
+    REVISED_POPULATION,
+    PARTICIPANT_POPULATION,
+    ANTHROPOMETRIC_POPULATION,
+    TRAIN_ZOO,
+    UNSEEN_ZOO,
+    EXTREME_ZOO,
+)
+ALLOWED_PEOPLE_TEXT = (
     f"{', '.join(POPULATION_NAMES)}, a style of the zoo such as {TRAIN_ZOO}/startled "
     f"({', '.join([*STYLES, COMMANDING_STYLE_NAME])}), one of these with @1 for motion version 1, a people file, "
     "the policy file of a trained human, or a folder of such policy files"
@@ -30,7 +38,7 @@ SEVERITIES: Mapping[ImpairmentName, tuple[str, ...]] = {
 }
 """Severities of each clinical impairment, the least severe first."""
 IMPAIRMENTS: tuple[ImpairmentName, ...] = (*ASSISTIVE_GYM_IMPAIRMENTS, *SEVERITIES)
-ALLOWED_IMPAIRMENTS = (
+ALLOWED_IMPAIRMENTS_TEXT = (
     f"{', '.join(IMPAIRMENTS)}; clinical impairments also with a severity, such as spasticity:severe "
     f"({', '.join(_DEGREES)}) or spinal_cord_injury:C5 ({', '.join(SEVERITIES['spinal_cord_injury'])})"
 )

@@ -16,8 +16,8 @@ from avrgym.networks.policy import POLICY_FILE_SUFFIX, Policy, PolicyError
 from avrgym.people.distributions import (
     NAMED_DISTRIBUTIONS,
     PeopleDistribution,
-    distribution_from_file,
     find_distribution,
+    make_distribution,
 )
 from avrgym.people.impairments import parse_impairment
 from avrgym.people.population_names import ImpairmentName
@@ -41,7 +41,7 @@ class Population:
     impairment: ImpairmentName = "none"
     trained_policy: Policy | None = None
 
-    def effective_impairment(self, requested: ImpairmentName) -> ImpairmentName:
+    def choose_impairment(self, requested: ImpairmentName) -> ImpairmentName:
         """Returns the requested impairment, or the population's default impairment if ``none`` is requested."""
         return self.impairment if requested == "none" else requested
 
@@ -56,7 +56,7 @@ def is_trained_human(name_or_path: str) -> bool:
     return name_or_path.endswith((POLICY_FILE_SUFFIX, "/")) or Path(name_or_path).is_dir()
 
 
-def population_label(name_or_path: str) -> str:
+def format_population_label(name_or_path: str) -> str:
     """Returns the name of a population for display. For a file, this is the name without the folder."""
     if name_or_path in NAMED_DISTRIBUTIONS:
         return name_or_path
@@ -95,7 +95,7 @@ def find_human_policy_files(folder: Path) -> list[Path]:
     return [file for file in [*own, *below] if Policy.load(file).metadata.human is not None]
 
 
-def people_for_workers(name_or_path: str) -> TransferredFile:
+def read_people_for_workers(name_or_path: str) -> TransferredFile:
     """Returns the value of ``--people`` with the contents of its files. Worker processes may have no access to the
     files."""
     if is_trained_human(name_or_path) and Path(name_or_path).is_dir():
@@ -115,7 +115,7 @@ def _trained(path: Path, tasks: Collection[str]) -> Population:
     if text := metadata.human.people_file:
         from avrgym.people.people_file import parse_people
 
-        bodies = distribution_from_file(parse_people(text, f"{path}: its people", tasks))
+        bodies = make_distribution(parse_people(text, f"{path}: its people", tasks))
     else:
         bodies = find_distribution(metadata.people, tasks)
     return Population(str(path), bodies, parse_impairment(metadata.impairment), policy)
@@ -128,7 +128,7 @@ class TrainedHumans:
         """Prepare N ``worlds``. All worlds use the first policy until ``reset``."""
         self._trained = trained
         self._human = np.zeros(worlds, dtype=np.intp)
-        self._noise = [random_streams.trained_human_noise_generator(0.0)] * worlds
+        self._noise = [random_streams.make_trained_human_noise_rng(0.0)] * worlds
 
     def reset(self, ids: IntArray, humans: IntArray, uniforms: FloatArray) -> None:
         """Start episodes in worlds ``ids`` (n,). ``humans`` (n,) are the indices of the policies in these worlds.
@@ -137,7 +137,7 @@ class TrainedHumans:
         """
         self._human[ids] = humans
         for world, uniform in zip(ids.tolist(), uniforms.tolist(), strict=True):
-            self._noise[world] = random_streams.trained_human_noise_generator(uniform)
+            self._noise[world] = random_streams.make_trained_human_noise_rng(uniform)
 
     def act(self, observations: FloatArray) -> FloatArray:
         """Returns the human's actions (N, K) for observations (N, O): joint speeds divided by their maximum, with
@@ -159,6 +159,6 @@ class TrainedHumans:
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Restore the state from the result of ``snapshot``."""
         self._human = snapshot["human"].copy()
-        self._noise = [random_streams.trained_human_noise_generator(0.0) for _ in snapshot["noise"]]
+        self._noise = [random_streams.make_trained_human_noise_rng(0.0) for _ in snapshot["noise"]]
         for generator, state in zip(self._noise, snapshot["noise"], strict=True):
             generator.bit_generator.state = state

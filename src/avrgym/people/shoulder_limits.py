@@ -22,7 +22,13 @@ The limits apply to the angles, not to the posture. The same posture has a secon
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
-from avrgym.geometry.arrays import RAD_PER_DEGREE, constant_like, float_copy, namespace, namespace_and_floats
+from avrgym.geometry.arrays import (
+    RAD_PER_DEGREE,
+    constant_like,
+    copy_as_float,
+    get_namespace,
+    get_namespace_and_floats,
+)
 from avrgym.models.human import JOINT_INDEX, LOWER_LIMITS_RAD, UPPER_LIMITS_RAD
 
 ABDUCTION_RANGE_RAD = -9.0 * RAD_PER_DEGREE, 160.0 * RAD_PER_DEGREE
@@ -34,13 +40,13 @@ _SIDE = np.array([1.0, -1.0])
 _PER_DEGREE = 180.0 / np.pi
 
 
-def shoulders_within_limits(joint_angles_rad: FloatArray) -> BoolArray:
+def are_shoulders_within_limits(joint_angles_rad: FloatArray) -> BoolArray:
     """Returns a boolean mask (...) of poses (..., 20) in which both shoulders are within their limits."""
     abduction, flexion, rotation = _shoulders(joint_angles_rad)
     possible = (
         _lies_in(abduction, ABDUCTION_RANGE_RAD)
-        & _lies_in(flexion, flexion_range_rad(abduction))
-        & _lies_in(rotation, rotation_range_rad(abduction, flexion))
+        & _lies_in(flexion, compute_flexion_range_rad(abduction))
+        & _lies_in(rotation, compute_rotation_range_rad(abduction, flexion))
     )
     return possible[..., 0] & possible[..., 1]
 
@@ -51,30 +57,32 @@ def clip_shoulders(joint_angles_rad: FloatArray) -> FloatArray:
     Abduction is clipped first, then flexion for this abduction, then rotation for both. Other joints do not change.
     """
     abduction, flexion, rotation = _shoulders(joint_angles_rad)
-    xp = namespace(abduction)
+    xp = get_namespace(abduction)
     abduction = xp.clip(abduction, *ABDUCTION_RANGE_RAD)
-    flexion = xp.clip(flexion, *flexion_range_rad(abduction))
-    rotation = xp.clip(rotation, *rotation_range_rad(abduction, flexion))
-    clipped, side = float_copy(joint_angles_rad), constant_like(_SIDE, abduction)
+    flexion = xp.clip(flexion, *compute_flexion_range_rad(abduction))
+    rotation = xp.clip(rotation, *compute_rotation_range_rad(abduction, flexion))
+    clipped, side = copy_as_float(joint_angles_rad), constant_like(_SIDE, abduction)
     clipped[..., constant_like(_SHOULDER_Y, side)] = side * abduction
     clipped[..., constant_like(_SHOULDER_X, side)] = -flexion
     clipped[..., constant_like(_SHOULDER_Z, side)] = -side * rotation
     return clipped
 
 
-def flexion_range_rad(abduction_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+def compute_flexion_range_rad(abduction_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns the lower and the upper limit of shoulder flexion for abductions of any shape."""
     return -43.0 * RAD_PER_DEGREE + abduction_rad / 3.0, 153.0 * RAD_PER_DEGREE - abduction_rad / 6.0
 
 
-def rotation_range_rad(abduction_rad: FloatArray, flexion_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+def compute_rotation_range_rad(
+    abduction_rad: FloatArray, flexion_rad: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Returns the lower and the upper limit of external rotation, within the joint's range, for angles of any shape."""
     a, f = abduction_rad, flexion_rad
     product = _PER_DEGREE * a * f / 810.0
     internal = -90.0 * RAD_PER_DEGREE + 7.0 * a / 9.0 - f / 9.0 + 2.0 * product
     external = 60.0 * RAD_PER_DEGREE + 4.0 * a / 9.0 - 5.0 * f / 9.0 + 5.0 * product
     lower, upper = float(LOWER_LIMITS_RAD[_SHOULDER_Z[0]]), float(UPPER_LIMITS_RAD[_SHOULDER_Z[0]])
-    xp = namespace(internal)
+    xp = get_namespace(internal)
     return xp.maximum(internal, lower), xp.minimum(external, upper)
 
 
@@ -84,7 +92,7 @@ def _shoulders(joint_angles_rad: FloatArray) -> tuple[FloatArray, FloatArray, Fl
     Rotation about y lifts the right arm outwards and the left arm inwards. Rotation about x moves both backwards.
     Rotation about z moves the right hand inwards and the left hand outwards.
     """
-    _, angles = namespace_and_floats(joint_angles_rad)
+    _, angles = get_namespace_and_floats(joint_angles_rad)
     y, x, z = (
         angles[..., constant_like(joints, angles)] for joints in (_SHOULDER_Y, _SHOULDER_X, _SHOULDER_Z)
     )

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avrgym.array_types import FloatArray
-from avrgym.geometry.arrays import namespace, to_device_of
-from avrgym.policies.trained import Policy, PolicyError
+from avrgym.geometry.arrays import get_namespace, to_device_of
+from avrgym.policies.trained_policies import Policy, PolicyError
 
 
 class Actor:
@@ -35,12 +35,12 @@ class Actor:
 
         ``image`` (N, H, W, C) is the additional input of a policy with vision.
         """
-        return self._policy.add_noise(self.mean_actions(observations, image), generators)
+        return self._policy.add_noise(self.compute_mean_actions(observations, image), generators)
 
-    def mean_actions(self, observations: FloatArray, image: FloatArray | None = None) -> FloatArray:
+    def compute_mean_actions(self, observations: FloatArray, image: FloatArray | None = None) -> FloatArray:
         """Returns mean actions (N, A) for observations (N, O), and updates the memory. Call it once per control step.
 
-        A policy with vision also needs the ``image`` (N, H, W, C), from ``networks.vision.vision_input``.
+        A policy with vision also needs the ``image`` (N, H, W, C), from ``networks.vision.make_vision_input``.
 
         Raises:
             PolicyError: for observations of a wrong shape. The memory is then unchanged.
@@ -63,14 +63,14 @@ class DeviceActor:
     def __init__(self, policy: Policy, example_array: Any) -> None:
         """Convert the parameters of the policy to the library, device and precision of ``example_array``."""
         self._mean = to_device_of(policy.observation_mean, example_array)
-        self._deviation = to_device_of(policy.observation_deviation, example_array)
+        self._deviation = to_device_of(policy.observation_std, example_array)
         self._clip = policy.observation_clip
         self._weights = [to_device_of(weight, example_array) for weight in policy.weights]
         self._biases = [to_device_of(bias, example_array) for bias in policy.biases]
 
-    def mean_actions(self, observations: Any) -> Any:
+    def compute_mean_actions(self, observations: Any) -> Any:
         """Returns mean actions (N, A) before noise and clipping for observations (N, O), as arrays on the device."""
-        xp = namespace(observations)
+        xp = get_namespace(observations)
         rows = xp.clip((observations - self._mean) / self._deviation, -self._clip, self._clip)
         for weight, bias in zip(self._weights[:-1], self._biases[:-1], strict=True):
             rows = xp.tanh(rows @ weight + bias)

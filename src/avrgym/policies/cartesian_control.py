@@ -4,7 +4,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.geometry.kinematics import action_jacobian, extract_chain
+from avrgym.geometry.kinematics import compute_action_jacobian, extract_chain
 from avrgym.models import robot
 from avrgym.simulation.worlds import Simulation
 
@@ -21,13 +21,13 @@ class CartesianController:
     def __init__(self, simulation: Simulation) -> None:
         """Read the kinematic chain of the arm from the scene of a simulation."""
         scene = simulation.scene
-        joints = [robot.PREFIX + joint for joint in scene.arm.joints]
-        ends = robot.PREFIX + scene.robot.base, robot.PREFIX + scene.arm.end_effector
-        self.chain = extract_chain(simulation.model, joints, *ends)
+        joints = [robot.ROBOT_NAME_PREFIX + joint for joint in scene.arm.joints]
+        ends = robot.ROBOT_NAME_PREFIX + scene.robot.base, robot.ROBOT_NAME_PREFIX + scene.arm.end_effector
+        self.arm_chain = extract_chain(simulation.model, joints, *ends)
         self._simulation, self._speed_limit = simulation, scene.speed_limit
         self._drives = scene.robot.drive is not None
 
-    def action(self, linear: FloatArray, angular: FloatArray) -> FloatArray:
+    def compute_action(self, linear: FloatArray, angular: FloatArray) -> FloatArray:
         """Returns the action (A,) for a velocity of the hand. If necessary, the action is scaled down to the speed
         limits of joints and hand.
 
@@ -54,7 +54,7 @@ class CartesianController:
         )
         return shares / max(1.0, *excess)
 
-    def velocity(self, action: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def compute_hand_velocity(self, action: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the linear (m/s) and angular (rad/s) velocity (3,) of the hand for an action (A,), world frame."""
         twist_b = self._jacobian() @ (action * self._speed_limit)
         q_wb = self._base_q_w()
@@ -62,11 +62,11 @@ class CartesianController:
 
     def _jacobian(self) -> FloatArray:
         """Returns the Jacobian (6, A) of the hand in the frame of the robot's base."""
-        positions = self._simulation.joint_positions()[:1]
-        return action_jacobian(self.chain, positions, drives=self._drives)[0]
+        positions = self._simulation.get_joint_positions()[:1]
+        return compute_action_jacobian(self.arm_chain, positions, drives=self._drives)[0]
 
     def _base_q_w(self) -> FloatArray:
-        return self._simulation.base_pose()[1][0]
+        return self._simulation.get_base_pose()[1][0]
 
 
 def _shortened(vector: FloatArray) -> FloatArray:

@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike
 
 from avrgym.array_types import FloatArray
 from avrgym.models.cameras import AnyObservation, CameraDescription
-from avrgym.policies.trained import PolicyError
+from avrgym.policies.trained_policies import PolicyError
 from avrgym.system import plugins
-from avrgym.system.used_plugins import UsedPlugin, plugin_of_controller, plugin_of_entry_point
+from avrgym.system.used_plugins import UsedPlugin, make_plugin_from_controller, make_plugin_from_entry_point
 
 MAX_ERROR_CHARACTERS = 160
 """Maximum length of an exception's text in a message, in characters."""
@@ -59,7 +59,8 @@ def _prepare_nothing() -> None:
 
 @dataclass(frozen=True, eq=False)
 class ExternalController:
-    """A controller of another package or file. ``make`` creates an instance that shares no state with other instances.
+    """A controller of another package or file. ``make_controller`` creates an instance that shares no state with
+    other instances.
 
     ``plugin`` is the installed version of the package; ``None`` for an ONNX file. ``cameras`` lists the cameras that
     the controller needs. ``takes_commands``: whether the controller receives the participant's commands. ``prepare``
@@ -67,32 +68,32 @@ class ExternalController:
     """
 
     name: str
-    make: Callable[[], Controller]
+    make_controller: Callable[[], Controller]
     plugin: UsedPlugin | None = None
     cameras: tuple[CameraDescription, ...] = ()
     takes_commands: bool = False
     prepare: Callable[[], None] = _prepare_nothing
 
 
-def reset(controller: Controller, seed: int, environment: str) -> None:
+def reset_controller(controller: Controller, seed: int, environment: str) -> None:
     """Start an episode of a controller. Raises ``ControllerError`` if the controller raises an exception."""
     try:
         controller.reset(seed, environment)
     except (Exception, SystemExit) as error:  # external code may raise anything
-        raise controller_error(error) from error
+        raise to_controller_error(error) from error
 
 
-def act(controller: Controller, observation: AnyObservation, size: int) -> FloatArray:
+def compute_controller_action(controller: Controller, observation: AnyObservation, size: int) -> FloatArray:
     """Returns a controller's action (size,) for an observation, clipped to -1 to 1.
 
     Raises:
         ControllerError: if the controller raises an exception, or does not return ``size`` finite numbers.
     """
     own = observation.copy() if isinstance(observation, dict) else np.array(observation, float)
-    return checked_action(lambda: controller.act(own), (size,))
+    return compute_checked_action(lambda: controller.act(own), (size,))
 
 
-def checked_action(act: Callable[[], ArrayLike], shape: tuple[int, ...]) -> FloatArray:
+def compute_checked_action(act: Callable[[], ArrayLike], shape: tuple[int, ...]) -> FloatArray:
     """Call ``act``. Returns its action with the given shape, clipped to -1 to 1.
 
     Raises:
@@ -101,7 +102,7 @@ def checked_action(act: Callable[[], ArrayLike], shape: tuple[int, ...]) -> Floa
     try:
         action = np.array(act(), float)
     except (Exception, SystemExit) as error:  # external code may raise anything
-        raise controller_error(error) from error
+        raise to_controller_error(error) from error
     if action.shape != shape:
         raise ControllerError(f"wrong_shape: {action.shape}; allowed: {shape}")
     if not np.isfinite(action).all():
@@ -136,10 +137,10 @@ def import_python_controller(name: str) -> ExternalController:
         raise PolicyError(
             f"{name}: cannot be imported ({_error_text(error)}); check the name, or correct the error in the module"
         ) from error
-    return _external(name, found, plugin_of_controller(name))
+    return _external(name, found, make_plugin_from_controller(name))
 
 
-def python_controller_file(name: str) -> Path | None:
+def find_python_controller_file(name: str) -> Path | None:
     """Returns the file of the module in ``module:attribute``; ``None`` without a file. The module is not imported."""
     _search_current_folder()
     try:
@@ -156,14 +157,14 @@ def _search_current_folder() -> None:
         sys.path.append(folder)
 
 
-def registered_controllers() -> dict[str, EntryPoint]:
+def find_registered_controllers() -> dict[str, EntryPoint]:
     """Returns the entry points of controllers that other packages register, by name. Nothing is imported."""
-    return {entry.name: entry for entry in plugins.entry_points_of(plugins.CONTROLLER_GROUP)}
+    return {entry.name: entry for entry in plugins.list_entry_points(plugins.CONTROLLER_ENTRY_POINT_GROUP)}
 
 
 def import_registered_controller(name: str) -> ExternalController:
     """Import and return a registered controller. Raises ``PolicyError`` if it cannot be imported or created."""
-    entry = registered_controllers()[name]
+    entry = find_registered_controllers()[name]
     try:
         found = entry.load()
     except (Exception, SystemExit) as error:  # a package may raise anything
@@ -171,22 +172,22 @@ def import_registered_controller(name: str) -> ExternalController:
             f"{plugins.describe_entry_point(entry)}: cannot be imported ({_error_text(error)}); correct the error in "
             "the package, or uninstall the package"
         ) from error
-    return _external(name, found, plugin_of_entry_point("controller", name, entry))
+    return _external(name, found, make_plugin_from_entry_point("controller", name, entry))
 
 
-def controller_plugin(name: str) -> UsedPlugin | None:
+def find_controller_plugin(name: str) -> UsedPlugin | None:
     """Returns the plug-in of a registered controller or of ``module:attribute``; ``None`` for other names."""
-    if name in registered_controllers():
-        return plugin_of_entry_point("controller", name, registered_controllers()[name])
-    return plugin_of_controller(name) if ":" in name else None
+    if name in find_registered_controllers():
+        return make_plugin_from_entry_point("controller", name, find_registered_controllers()[name])
+    return make_plugin_from_controller(name) if ":" in name else None
 
 
-def controller_import_errors() -> list[str]:
+def collect_controller_import_errors() -> list[str]:
     """Import all registered controllers. Returns an error message for each controller that cannot be imported or
     created.
     """
     reasons: list[str] = []
-    for name in registered_controllers():
+    for name in find_registered_controllers():
         try:
             import_registered_controller(name)
         except PolicyError as error:
@@ -250,7 +251,7 @@ def _external(name: str, found: Any, plugin: UsedPlugin) -> ExternalController:
     return ExternalController(name, make, plugin, tuple(cameras), commands)
 
 
-def controller_error(error: BaseException) -> ControllerError:
+def to_controller_error(error: BaseException) -> ControllerError:
     """Returns a ``ControllerError`` of the kind ``exception`` with the text of ``error``."""
     return (
         error if isinstance(error, ControllerError) else ControllerError(f"exception: {_error_text(error)}")

@@ -25,62 +25,68 @@ from numpy.typing import ArrayLike
 from avrgym.array_types import NumpyArray
 from avrgym.models.cameras import STATE_ENTRY, AnyObservation, CameraSpec
 from avrgym.policies.controllers import ControllerError, ExternalController
-from avrgym.policies.trained import PolicyError
+from avrgym.policies.trained_policies import PolicyError
 from avrgym.system.type_guards import is_table
-from avrgym.system.used_plugins import UsedPlugin, files_sha256
-from avrgym.tasks.observation import Observation, robot_measured_mask
+from avrgym.system.used_plugins import UsedPlugin, compute_files_sha256
+from avrgym.tasks.observation import ObservationSpec, make_robot_measured_mask
 
-PREFIX = "lerobot:"
+LEROBOT_POLICY_PREFIX = "lerobot:"
 LEROBOT_PYTHON_VARIABLE = "AVRGYM_LEROBOT_PYTHON"
 """Environment variable with the path of the Python that has LeRobot. By default, the Python of AVR Gym is used."""
-STATE, ENVIRONMENT_STATE, IMAGES = "observation.state", "observation.environment_state", "observation.images."
+STATE_FEATURE, ENVIRONMENT_STATE_FEATURE, IMAGE_FEATURE_PREFIX = (
+    "observation.state",
+    "observation.environment_state",
+    "observation.images.",
+)
 """Names of the features in LeRobot: values that the robot measures itself, other values, and the prefix of images."""
 LOADING_TIMEOUT_S, ANSWER_TIMEOUT_S = 300.0, 10.0
-CONFIGURATION, WEIGHTS = "config.json", "model.safetensors"
+CONFIGURATION_FILE, WEIGHTS_FILE = "config.json", "model.safetensors"
 
 
-def state_features(observation: Observation, values: NumpyArray) -> dict[str, NumpyArray]:
+def split_state_features(observation: ObservationSpec, values: NumpyArray) -> dict[str, NumpyArray]:
     """Splits observations (..., O) into LeRobot's features. Returns the values of each feature, by name.
 
-    ``STATE`` contains the entries that the robot measures itself, ``ENVIRONMENT_STATE`` all other entries. Both have
-    the order of the observation.
+    ``STATE_FEATURE`` contains the entries that the robot measures itself, ``ENVIRONMENT_STATE_FEATURE`` all other
+    entries. Both have the order of the observation.
     """
-    measured = robot_measured_mask(observation)
-    parts = {STATE: values[..., measured], ENVIRONMENT_STATE: values[..., ~measured]}
+    measured = make_robot_measured_mask(observation)
+    parts = {STATE_FEATURE: values[..., measured], ENVIRONMENT_STATE_FEATURE: values[..., ~measured]}
     return {name: part for name, part in parts.items() if part.shape[-1]}
 
 
 def is_lerobot_policy(name: str) -> bool:
     """Returns whether the name of a policy has the form ``lerobot:FOLDER``."""
-    return name.startswith(PREFIX)
+    return name.startswith(LEROBOT_POLICY_PREFIX)
 
 
-def lerobot_weights_file(name: str) -> Path:
+def find_weights_file(name: str) -> Path:
     """Returns the path of the weights of the policy ``lerobot:FOLDER``.
 
     Raises:
         PolicyError: if the file is missing.
     """
-    file = Path(name.removeprefix(PREFIX)) / WEIGHTS
+    file = Path(name.removeprefix(LEROBOT_POLICY_PREFIX)) / WEIGHTS_FILE
     if not file.is_file():
-        raise PolicyError(f"{name}: the file {WEIGHTS} is missing; copy the whole folder pretrained_model")
+        raise PolicyError(
+            f"{name}: the file {WEIGHTS_FILE} is missing; copy the whole folder pretrained_model"
+        )
     return file
 
 
-def lerobot_policy_plugin(name: str) -> UsedPlugin:
+def make_lerobot_plugin(name: str) -> UsedPlugin:
     """Returns the policy ``lerobot:FOLDER`` as a used plug-in with the hash of its files. If the files are missing, the
     hash is empty.
     """
     files = [
-        *Path(name.removeprefix(PREFIX)).glob("*.json"),
-        *Path(name.removeprefix(PREFIX)).glob("*.safetensors"),
+        *Path(name.removeprefix(LEROBOT_POLICY_PREFIX)).glob("*.json"),
+        *Path(name.removeprefix(LEROBOT_POLICY_PREFIX)).glob("*.safetensors"),
     ]
-    sha256 = files_sha256((path.name, path) for path in files) if files else ""
+    sha256 = compute_files_sha256((path.name, path) for path in files) if files else ""
     return UsedPlugin("controller", name, name, sha256=sha256)
 
 
-def find_lerobot_policy(
-    name: str, observation: Observation, action_size: int, instruction: str
+def load_lerobot_controller(
+    name: str, observation: ObservationSpec, action_size: int, instruction: str
 ) -> ExternalController:
     """Returns the policy ``lerobot:FOLDER`` as a controller. The process of the policy starts with the first instance.
 
@@ -93,23 +99,26 @@ def find_lerobot_policy(
     Raises:
         PolicyError: if the folder contains no policy, or a policy with other inputs or another output.
     """
-    folder = Path(name.removeprefix(PREFIX))
+    folder = Path(name.removeprefix(LEROBOT_POLICY_PREFIX))
     inputs, outputs = _features(name, folder)
     sizes = {
         feature: part.shape[-1]
-        for feature, part in state_features(observation, np.zeros(observation.size)).items()
+        for feature, part in split_state_features(observation, np.zeros(observation.size)).items()
     }
     cameras: list[CameraSpec] = []
     for feature, shape in inputs.items():
-        if feature.startswith(IMAGES) and feature.endswith("_rgb") and len(shape) == 3:
+        if feature.startswith(IMAGE_FEATURE_PREFIX) and feature.endswith("_rgb") and len(shape) == 3:
             try:
-                cameras.append(CameraSpec(feature.removeprefix(IMAGES)[: -len("_rgb")], shape[2], shape[1]))
+                cameras.append(
+                    CameraSpec(feature.removeprefix(IMAGE_FEATURE_PREFIX)[: -len("_rgb")], shape[2], shape[1])
+                )
             except ValueError as error:
                 raise PolicyError(f"{name}: {error}") from error
         elif shape != [sizes.get(feature)]:
             allowed = ", ".join([f"{each} [{size}]" for each, size in sizes.items()])
             raise PolicyError(
-                f"{name}: the policy's input is {feature} {shape}; allowed: {allowed}, {IMAGES}CAMERA_rgb "
+                f"{name}: the policy's input is {feature} {shape}; allowed: {allowed}, "
+                f"{IMAGE_FEATURE_PREFIX}CAMERA_rgb "
                 "[3, HEIGHT, WIDTH]; train it with a dataset of this environment"
             )
     if outputs != {"action": [action_size]}:
@@ -118,7 +127,7 @@ def find_lerobot_policy(
     return ExternalController(
         name,
         lambda: LeRobotController(_process(str(folder.resolve())), observation, features, instruction),
-        lerobot_policy_plugin(name),
+        make_lerobot_plugin(name),
         tuple(cameras),
         prepare=lambda: _process(str(folder.resolve())).start(),
     )
@@ -127,7 +136,7 @@ def find_lerobot_policy(
 def _features(name: str, folder: Path) -> tuple[dict[str, list[int]], dict[str, list[int]]]:
     """Returns the shapes of a policy's inputs and outputs, by their names in LeRobot."""
     try:
-        configuration = json.loads((folder / CONFIGURATION).read_bytes())
+        configuration = json.loads((folder / CONFIGURATION_FILE).read_bytes())
         shapes = [
             {feature: [*about["shape"]] for feature, about in configuration[key].items()}
             for key in ("input_features", "output_features")
@@ -137,7 +146,7 @@ def _features(name: str, folder: Path) -> tuple[dict[str, list[int]], dict[str, 
             f"{name}: the folder contains no LeRobot policy ({type(error).__name__}: {error}); allowed: a folder "
             "pretrained_model of lerobot-train"
         ) from error
-    lerobot_weights_file(name)
+    find_weights_file(name)
     return shapes[0], shapes[1]
 
 
@@ -147,7 +156,7 @@ class LeRobotController:
     _numbers = itertools.count()
 
     def __init__(
-        self, process: "PolicyProcess", observation: Observation, features: list[str], instruction: str
+        self, process: "PolicyProcess", observation: ObservationSpec, features: list[str], instruction: str
     ) -> None:
         """Use the policy in ``process``. ``features``: names of its inputs that are not images."""
         self._process, self._observation, self._features = process, observation, features
@@ -156,7 +165,7 @@ class LeRobotController:
 
     def reset(self, seed: int, environment: str) -> None:
         """Start an episode: clear the queue of actions. The seed determines the policy's noise."""
-        self._process.request({"session": self._session, "seed": seed})
+        self._process.send_request({"session": self._session, "seed": seed})
 
     def act(self, observation: AnyObservation) -> ArrayLike:
         """Returns the policy's action (A,) for an observation (O,), or for a dictionary with images.
@@ -167,20 +176,20 @@ class LeRobotController:
         entries: Mapping[str, NumpyArray] = (
             observation if isinstance(observation, dict) else {STATE_ENTRY: observation}
         )
-        states = state_features(self._observation, entries[STATE_ENTRY])
+        states = split_state_features(self._observation, entries[STATE_ENTRY])
         features: dict[str, Any] = {name: states[name].tolist() for name in self._features}
         for name, image in entries.items():
             if name != STATE_ENTRY:
                 data = base64.b64encode(image.tobytes()).decode()
-                features[IMAGES + name] = {"shape": image.shape, "data": data}
-        return self._process.request({"session": self._session, "task": self._instruction, **features})[
+                features[IMAGE_FEATURE_PREFIX + name] = {"shape": image.shape, "data": data}
+        return self._process.send_request({"session": self._session, "task": self._instruction, **features})[
             "action"
         ]
 
     def close(self) -> None:
         """End the session of this controller. The process continues for other controllers, until this program ends."""
         with suppress(ControllerError):
-            self._process.request({"session": self._session, "end": True})
+            self._process.send_request({"session": self._session, "end": True})
 
 
 class PolicyProcess:
@@ -226,7 +235,7 @@ class PolicyProcess:
                     f"{LEROBOT_PYTHON_VARIABLE} to the Python of an environment that has it"
                 ) from error
 
-    def request(self, request: Mapping[str, Any]) -> dict[str, Any]:
+    def send_request(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Send a request to the process. Returns its answer.
 
         Raises:

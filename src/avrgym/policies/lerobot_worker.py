@@ -29,8 +29,8 @@ import torch
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 
-NoiseState = tuple[torch.Tensor, list[torch.Tensor]]
-WARM_UP_SESSION = -1
+RandomGeneratorState = tuple[torch.Tensor, list[torch.Tensor]]
+WARM_UP_SESSION_ID = -1
 
 
 class PolicyServer:
@@ -48,12 +48,12 @@ class PolicyServer:
         self._preprocess, self._postprocess = make_pre_post_processors(
             config, folder, preprocessor_overrides=device
         )
-        self._sessions: dict[int, tuple[Any, NoiseState]] = {}
-        self.answer({"session": WARM_UP_SESSION, "seed": 0})
-        self.answer({"session": WARM_UP_SESSION, "task": "", **_zeros(config.input_features)})
-        self.answer({"session": WARM_UP_SESSION, "end": True})
+        self._sessions: dict[int, tuple[Any, RandomGeneratorState]] = {}
+        self.answer_request({"session": WARM_UP_SESSION_ID, "seed": 0})
+        self.answer_request({"session": WARM_UP_SESSION_ID, "task": "", **_zeros(config.input_features)})
+        self.answer_request({"session": WARM_UP_SESSION_ID, "end": True})
 
-    def answer(self, request: dict[str, Any]) -> dict[str, Any]:
+    def answer_request(self, request: dict[str, Any]) -> dict[str, Any]:
         """Returns the answer to a request; the table of this module lists both."""
         session = request.pop("session")
         if "seed" in request:
@@ -82,7 +82,7 @@ class PolicyServer:
         return action[0].tolist()
 
 
-def _noise_state() -> NoiseState:
+def _noise_state() -> RandomGeneratorState:
     """Returns the state of PyTorch's random generators. Each session has its own stream."""
     return torch.get_rng_state(), torch.cuda.get_rng_state_all() if torch.cuda.is_available() else []
 
@@ -126,7 +126,7 @@ def main() -> None:
     send({"ready": True})
     for line in sys.stdin:
         try:
-            send(server.answer(json.loads(line)))
+            send(server.answer_request(json.loads(line)))
         except Exception as error:
             send({"error": f"{type(error).__name__}: {error}"})
 

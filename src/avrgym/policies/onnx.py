@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from avrgym.array_types import FloatArray
 from avrgym.models.cameras import COMMAND_ENTRY, STATE_ENTRY
 from avrgym.policies.controllers import ExternalController
-from avrgym.policies.trained import Policy, PolicyError
+from avrgym.policies.trained_policies import Policy, PolicyError
 from avrgym.safety.pacing import COMMAND_INPUT_ENTRIES
 from avrgym.system.files import write_atomically
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from onnx import ModelProto
 
 ONNX_SUFFIX = ".onnx"
-OPSET, IR_VERSION = 17, 8
+ONNX_OPSET_VERSION, ONNX_IR_VERSION = 17, 8
 """Operator set and format version of exported ONNX files. Programs since 2022 support them."""
 ONNX_DTYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 
@@ -131,7 +131,7 @@ def make_onnx_model(policy: Policy, rows: int | str | None = "N", *, double: boo
     dtype, kind = (np.float64, TensorProto.DOUBLE) if double else (np.float32, TensorProto.FLOAT)
     constants: dict[str, np.ndarray] = {
         "mean": policy.observation_mean,
-        "deviation": policy.observation_deviation,
+        "deviation": policy.observation_std,
         "low": np.array(-policy.observation_clip),
         "high": np.array(policy.observation_clip),
         "least": np.array(-1.0),
@@ -157,7 +157,9 @@ def make_onnx_model(policy: Policy, rows: int | str | None = "N", *, double: boo
         [helper.make_tensor_value_info("action", kind, [rows, policy.action_size])],
         [numpy_helper.from_array(array.astype(dtype), name) for name, array in constants.items()],
     )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION)
+    model = helper.make_model(
+        graph, opset_imports=[helper.make_opsetid("", ONNX_OPSET_VERSION)], ir_version=ONNX_IR_VERSION
+    )
     about = policy.metadata
     trained = {"environment": about.environment, "people": about.people, "impairment": about.impairment}
     numbers = {"steps": about.steps, "seed": about.seed, "action_std": policy.action_std}

@@ -1,6 +1,6 @@
 """Cybersickness in Virtual Reality Questionnaire (CSQ-VR): six symptoms on seven-point scales."""
 
-from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, ScoreScale
 
 INTENSITY_LABELS = ("absent", "very mild", "mild", "moderate", "intense", "very intense", "extreme")
 
@@ -27,17 +27,17 @@ _CSQ_ITEMS = (
 CSQ_VR = Instrument(
     name="csq-vr",
     title="Cybersickness in Virtual Reality Questionnaire",
-    source=(
+    citation=(
         "Kourtesis, Linnell, Amir, Argelaguet and MacPherson (2023), Cybersickness in Virtual Reality Questionnaire "
         "(CSQ-VR), doi:10.3390/virtualworlds2010002"
     ),
     licence="CC BY 4.0, as its article",
-    response_scale=ResponseScale(points=7, lowest_value=1),
+    response_scale=ResponseScale(option_count=7, lowest_value=1),
     items=_CSQ_ITEMS,
     scales=(
-        Scale("nausea", ("csq_nausea", "csq_dizziness"), "sum"),
-        Scale("vestibular", ("csq_disorientation", "csq_imbalance"), "sum"),
-        Scale("oculomotor", ("csq_fatigue", "csq_discomfort"), "sum"),
-        Scale("total", tuple(item.id for item in _CSQ_ITEMS), "sum"),
+        ScoreScale("nausea", ("csq_nausea", "csq_dizziness"), "sum"),
+        ScoreScale("vestibular", ("csq_disorientation", "csq_imbalance"), "sum"),
+        ScoreScale("oculomotor", ("csq_fatigue", "csq_discomfort"), "sum"),
+        ScoreScale("total", tuple(item.id for item in _CSQ_ITEMS), "sum"),
     ),
 )

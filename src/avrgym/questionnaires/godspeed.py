@@ -1,6 +1,6 @@
 """Godspeed questionnaire series: semantic differential ratings of a robot, on five scales."""
 
-from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, ScoreScale
 
 WORD_PAIRS_BY_SCALE = {
     "anthropomorphism": (
@@ -36,15 +36,15 @@ def _between(scale: str, low: str, high: str) -> InstrumentItem:
 GODSPEED = Instrument(
     name="godspeed",
     title="Godspeed questionnaire series",
-    source=(
+    citation=(
         "Bartneck, Kulić, Croft and Zoghbi (2009), Measurement instruments for the anthropomorphism, animacy, "
         "likeability, perceived intelligence, and perceived safety of robots, doi:10.1007/s12369-008-0001-3"
     ),
     licence="pairs of adjectives, which have no copyright; AVR Gym wrote the questions",
-    response_scale=ResponseScale(points=5, lowest_value=1),
+    response_scale=ResponseScale(option_count=5, lowest_value=1),
     items=tuple(_between(scale, *pair) for scale, pairs in WORD_PAIRS_BY_SCALE.items() for pair in pairs),
     scales=tuple(
-        Scale(scale, tuple(_opposites_id(scale, low) for low, _ in pairs))
+        ScoreScale(scale, tuple(_opposites_id(scale, low) for low, _ in pairs))
         for scale, pairs in WORD_PAIRS_BY_SCALE.items()
     ),
 )

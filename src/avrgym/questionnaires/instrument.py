@@ -14,17 +14,18 @@ SCORE_DECIMALS = 9
 class ResponseScale(NamedTuple):
     """Response scale of an item: equally spaced integer values.
 
-    ``points``: number of options. ``lowest_value``: lowest value. ``step``: difference between neighbouring values.
+    ``option_count``: number of options. ``lowest_value``: lowest value. ``step``: difference between neighbouring
+    values.
     """
 
-    points: int
+    option_count: int
     lowest_value: int
     step: int = 1
 
     @property
     def highest_value(self) -> int:
         """The highest value of the scale: the value of its last option."""
-        return self.scale_value(self.points)
+        return self.compute_option_value(self.option_count)
 
     @property
     def middle_value(self) -> float:
@@ -36,7 +37,7 @@ class ResponseScale(NamedTuple):
         """The values of all options, in ascending order."""
         return range(self.lowest_value, self.highest_value + self.step, self.step)
 
-    def scale_value(self, value: int) -> int:
+    def compute_option_value(self, value: int) -> int:
         """Returns the value of a stored answer on this scale. ``value``: number of the option, from 1."""
         return self.lowest_value + (value - 1) * self.step
 
@@ -45,43 +46,44 @@ class InstrumentItem(NamedTuple):
     """An item of a validated questionnaire.
 
     ``text``: empty if the licence forbids distribution; the study's folder must then contain the text. ``low_label``
-    and ``high_label``: labels of the lowest and the highest value. ``labels``: labels of all options; empty if the
-    screen shows numbers.
+    and ``high_label``: labels of the lowest and the highest value. ``option_labels``: labels of all options; empty if
+    the screen shows numbers.
     """
 
     id: str
     text: str = ""
     low_label: str = ""
     high_label: str = ""
-    labels: tuple[str, ...] = ()
+    option_labels: tuple[str, ...] = ()
 
 
-class Scale(NamedTuple):
-    """A scale and the computation of its score: ``factor`` times the mean or sum (``function``) of item values.
+class ScoreScale(NamedTuple):
+    """A scale and the computation of its score: ``score_factor`` times the mean or sum (``aggregation``) of item
+    values.
 
-    ``reversed_items``: ids of reversed items. ``item_offset``: number that is added to each item value after reversal.
-    ``items``: item ids; an item that is listed twice has twice the weight.
+    ``reversed_item_ids``: ids of reversed items. ``item_value_offset``: number that is added to each item value after
+    reversal. ``item_ids``: item ids; an item that is listed twice has twice the weight.
     """
 
     name: str
-    items: tuple[str, ...]
-    function: Literal["mean", "sum"] = "mean"
-    factor: float = 1.0
-    reversed_items: tuple[str, ...] = ()
-    item_offset: int = 0
+    item_ids: tuple[str, ...]
+    aggregation: Literal["mean", "sum"] = "mean"
+    score_factor: float = 1.0
+    reversed_item_ids: tuple[str, ...] = ()
+    item_value_offset: int = 0
 
 
-class Weighting(NamedTuple):
+class ScoreWeighting(NamedTuple):
     """A weighted score: the weighted mean of item values.
 
-    ``scale_name``: name of the weighted score. ``weights_instrument``: name of the questionnaire that measures the
-    weights; its scores are the weights. ``item_by_weight``: item id that each weight multiplies, by name of the weight.
-    Weights are integers from 0 to ``max_weight``. ``weight_sum``: sum of all weights.
+    ``scale_name``: name of the weighted score. ``weights_instrument_name``: name of the questionnaire that measures the
+    weights; its scores are the weights. ``item_id_by_weight_name``: item id that each weight multiplies, by name of
+    the weight. Weights are integers from 0 to ``max_weight``. ``weight_sum``: sum of all weights.
     """
 
     scale_name: str
-    weights_instrument: str
-    item_by_weight: Mapping[str, str]
+    weights_instrument_name: str
+    item_id_by_weight_name: Mapping[str, str]
     max_weight: int
     weight_sum: int
 
@@ -89,20 +91,20 @@ class Weighting(NamedTuple):
 class Instrument(NamedTuple):
     """A validated questionnaire.
 
-    ``source``: publication. ``response_scale``: response scale of all items. ``missing_answer_rule``: rule for missing
-    answers. With ``"no score"``, the score is ``None``; with ``"centre"``, the middle of the response scale replaces
-    the answer. ``texts_source``: source of the item texts if AVR Gym does not contain them.
+    ``citation``: publication. ``response_scale``: response scale of all items. ``missing_answer_rule``: rule for
+    missing answers. With ``"no score"``, the score is ``None``; with ``"centre"``, the middle of the response scale
+    replaces the answer. ``texts_source``: source of the item texts if AVR Gym does not contain them.
     """
 
     name: str
     title: str
-    source: str
+    citation: str
     licence: str
     response_scale: ResponseScale
     items: tuple[InstrumentItem, ...]
-    scales: tuple[Scale, ...]
+    scales: tuple[ScoreScale, ...]
     missing_answer_rule: Literal["no score", "centre"] = "no score"
-    weighting: Weighting | None = None
+    weighting: ScoreWeighting | None = None
     texts_source: str = ""
 
     @property
@@ -110,20 +112,20 @@ class Instrument(NamedTuple):
         """The names of all scales, including the weighted score."""
         return [scale.name for scale in self.scales] + ([self.weighting.scale_name] if self.weighting else [])
 
-    def items_of(self, scale: str) -> tuple[str, ...]:
+    def list_item_ids(self, scale: str) -> tuple[str, ...]:
         """Returns the item ids of a scale, without duplicates."""
         if self.weighting is not None and scale == self.weighting.scale_name:
-            return tuple(self.weighting.item_by_weight.values())
-        return tuple(dict.fromkeys(self._scale(scale).items))
+            return tuple(self.weighting.item_id_by_weight_name.values())
+        return tuple(dict.fromkeys(self._scale(scale).item_ids))
 
-    def score_range(self, scale: str) -> tuple[float, float]:
+    def compute_score_range(self, scale: str) -> tuple[float, float]:
         """Returns the lowest and the highest possible score of a scale."""
         response = self.response_scale
         if self.weighting is not None and scale == self.weighting.scale_name:
             return float(response.lowest_value), float(response.highest_value)
         found = self._scale(scale)
         ends = (
-            _combine(found, [end] * len(found.items))
+            _combine(found, [end] * len(found.item_ids))
             for end in (response.lowest_value, response.highest_value)
         )
         return next(ends), next(ends)
@@ -135,7 +137,8 @@ class Instrument(NamedTuple):
 
         Args:
             answers: option number (from 1) of each answer, by item id.
-            weights: the weights, with the keys of ``Weighting.items``. Without weights, the weighted score is ``None``.
+            weights: the weights, with the keys of ``ScoreWeighting.items``. Without weights, the weighted score is
+                ``None``.
 
         Raises:
             ValueError: for an unknown item, or for an invalid answer or weight.
@@ -146,34 +149,37 @@ class Instrument(NamedTuple):
             scores[self.weighting.scale_name] = _weighted(self.weighting, counts, weights)
         return scores
 
-    def _scale(self, name: str) -> Scale:
+    def _scale(self, name: str) -> ScoreScale:
         return next(scale for scale in self.scales if scale.name == name)
 
     def _count(self, item: str, value: int) -> float:
         if item not in (own := [each.id for each in self.items]):
             raise ValueError(f"{self.name} has no item {item!r}; allowed: {', '.join(own)}")
-        if not 1 <= value <= self.response_scale.points:
+        if not 1 <= value <= self.response_scale.option_count:
             raise ValueError(
-                f"{value} is not an answer to {item}; allowed: integers from 1 to {self.response_scale.points}"
+                f"{value} is not an answer to {item}; allowed: integers from 1 to {self.response_scale.option_count}"
             )
-        return self.response_scale.scale_value(value)
+        return self.response_scale.compute_option_value(value)
 
-    def _score(self, scale: Scale, counts: Mapping[str, float]) -> float | None:
+    def _score(self, scale: ScoreScale, counts: Mapping[str, float]) -> float | None:
         ends = self.response_scale.lowest_value + self.response_scale.highest_value
         if self.missing_answer_rule == "centre" and counts:
-            counts = {item: self.response_scale.middle_value for item in scale.items} | dict(counts)
-        if not all(item in counts for item in scale.items):
+            counts = {item: self.response_scale.middle_value for item in scale.item_ids} | dict(counts)
+        if not all(item in counts for item in scale.item_ids):
             return None
         return _combine(
             scale,
-            [ends - counts[item] if item in scale.reversed_items else counts[item] for item in scale.items],
+            [
+                ends - counts[item] if item in scale.reversed_item_ids else counts[item]
+                for item in scale.item_ids
+            ],
         )
 
 
-def check_weights(weighting: Weighting, weights: Mapping[str, int]) -> None:
+def check_weights(weighting: ScoreWeighting, weights: Mapping[str, int]) -> None:
     """Raises ``ValueError`` if a weight is missing, unknown or out of range, or if the sum of weights is wrong."""
-    names = ", ".join(weighting.item_by_weight)
-    if set(weights) != set(weighting.item_by_weight):
+    names = ", ".join(weighting.item_id_by_weight_name)
+    if set(weights) != set(weighting.item_id_by_weight_name):
         given = ", ".join(weights) or "no item"
         raise ValueError(f"the weights contain {given}; allowed: one weight for each of {names}")
     if not all(0 <= weight <= weighting.max_weight for weight in weights.values()):
@@ -183,18 +189,20 @@ def check_weights(weighting: Weighting, weights: Mapping[str, int]) -> None:
         raise ValueError(f"the sum of the weights is {total}; allowed: {weighting.weight_sum}")
 
 
-def _combine(scale: Scale, counts: Sequence[float]) -> float:
-    moved = [count + scale.item_offset for count in counts]
-    return round(scale.factor * (fmean(moved) if scale.function == "mean" else sum(moved)), SCORE_DECIMALS)
+def _combine(scale: ScoreScale, counts: Sequence[float]) -> float:
+    moved = [count + scale.item_value_offset for count in counts]
+    return round(
+        scale.score_factor * (fmean(moved) if scale.aggregation == "mean" else sum(moved)), SCORE_DECIMALS
+    )
 
 
 def _weighted(
-    weighting: Weighting, counts: Mapping[str, float], weights: Mapping[str, int] | None
+    weighting: ScoreWeighting, counts: Mapping[str, float], weights: Mapping[str, int] | None
 ) -> float | None:
     if weights is None:
         return None
     check_weights(weighting, weights)
-    if not all(item in counts for item in weighting.item_by_weight.values()):
+    if not all(item in counts for item in weighting.item_id_by_weight_name.values()):
         return None
-    total = sum(weights[name] * counts[item] for name, item in weighting.item_by_weight.items())
+    total = sum(weights[name] * counts[item] for name, item in weighting.item_id_by_weight_name.items())
     return round(total / weighting.weight_sum, SCORE_DECIMALS)

@@ -1,6 +1,6 @@
 """igroup Presence Questionnaire (IPQ): sense of presence in a virtual environment."""
 
-from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, ScoreScale
 
 SPATIAL_PRESENCE_ITEMS = tuple(f"ipq_sp{number}" for number in range(1, 6))
 INVOLVEMENT_ITEMS = tuple(f"ipq_inv{number}" for number in range(1, 5))
@@ -11,21 +11,21 @@ REVERSED_ITEMS = ("ipq_sp2", "ipq_inv3", "ipq_real1")
 IPQ = Instrument(
     name="ipq",
     title="igroup Presence Questionnaire",
-    source=(
+    citation=(
         "Schubert, Friedmann and Regenbrecht (2001), The experience of presence: factor analytic insights, "
         "doi:10.1162/105474601300343603"
     ),
     licence="the source states none; AVR Gym does not include the item texts",
     texts_source="https://www.igroup.org/pq/ipq/",
-    response_scale=ResponseScale(points=7, lowest_value=0),
+    response_scale=ResponseScale(option_count=7, lowest_value=0),
     items=tuple(
         InstrumentItem(item)
         for item in ("ipq_g1", *SPATIAL_PRESENCE_ITEMS, *INVOLVEMENT_ITEMS, *REALISM_ITEMS)
     ),
     scales=(
-        Scale("general", ("ipq_g1",)),
-        Scale("spatial", SPATIAL_PRESENCE_ITEMS, reversed_items=REVERSED_ITEMS),
-        Scale("involvement", INVOLVEMENT_ITEMS, reversed_items=REVERSED_ITEMS),
-        Scale("realism", REALISM_ITEMS, reversed_items=REVERSED_ITEMS),
+        ScoreScale("general", ("ipq_g1",)),
+        ScoreScale("spatial", SPATIAL_PRESENCE_ITEMS, reversed_item_ids=REVERSED_ITEMS),
+        ScoreScale("involvement", INVOLVEMENT_ITEMS, reversed_item_ids=REVERSED_ITEMS),
+        ScoreScale("realism", REALISM_ITEMS, reversed_item_ids=REVERSED_ITEMS),
     ),
 )

@@ -3,9 +3,15 @@
 from itertools import combinations
 from types import MappingProxyType
 
-from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale, Weighting
+from avrgym.questionnaires.instrument import (
+    Instrument,
+    InstrumentItem,
+    ResponseScale,
+    ScoreScale,
+    ScoreWeighting,
+)
 
-SOURCE = (
+CITATION = (
     "Hart and Staveland (1988), Development of NASA-TLX (Task Load Index), doi:10.1016/S0166-4115(08)62386-9; "
     "NASA Ames (1986), NASA Task Load Index v. 1.0, Paper and Pencil Package; "
     "Hart (2006), NASA-TLX; 20 years later, doi:10.1177/154193120605000909, for the raw score"
@@ -38,22 +44,24 @@ def _pair_id(first: str, second: str) -> str:
     return f"tlx_{first}_or_{second}"
 
 
-def _weight(factor: str) -> Scale:
+def _weight(factor: str) -> ScoreScale:
     """Returns the scale of a factor's weight: the number of pairs with this factor as the participant's choice.
 
     Pairs in which the factor is first are reversed items.
     """
     own = [pair for pair in FACTOR_PAIRS if factor in pair]
     as_first = [_pair_id(*pair) for pair in own if pair[0] == factor]
-    return Scale(factor, tuple(_pair_id(*pair) for pair in own), "sum", reversed_items=tuple(as_first))
+    return ScoreScale(
+        factor, tuple(_pair_id(*pair) for pair in own), "sum", reversed_item_ids=tuple(as_first)
+    )
 
 
 NASA_TLX = Instrument(
     name="nasa-tlx",
     title="NASA Task Load Index",
-    source=SOURCE,
+    citation=CITATION,
     licence=LICENCE,
-    response_scale=ResponseScale(points=21, lowest_value=0, step=5),
+    response_scale=ResponseScale(option_count=21, lowest_value=0, step=5),
     items=(
         _rating("mental", "How mentally demanding was the task?"),
         _rating("physical", "How physically demanding was the task?"),
@@ -68,13 +76,13 @@ NASA_TLX = Instrument(
         _rating("frustration", "How insecure, discouraged, irritated, stressed, and annoyed were you?"),
     ),
     scales=(
-        Scale("raw", tuple(f"tlx_{factor}" for factor in WORKLOAD_FACTORS)),
-        *(Scale(factor, (f"tlx_{factor}",)) for factor in WORKLOAD_FACTORS),
+        ScoreScale("raw", tuple(f"tlx_{factor}" for factor in WORKLOAD_FACTORS)),
+        *(ScoreScale(factor, (f"tlx_{factor}",)) for factor in WORKLOAD_FACTORS),
     ),
-    weighting=Weighting(
+    weighting=ScoreWeighting(
         scale_name="weighted",
-        weights_instrument="nasa-tlx-weights",
-        item_by_weight=MappingProxyType({factor: f"tlx_{factor}" for factor in WORKLOAD_FACTORS}),
+        weights_instrument_name="nasa-tlx-weights",
+        item_id_by_weight_name=MappingProxyType({factor: f"tlx_{factor}" for factor in WORKLOAD_FACTORS}),
         max_weight=5,
         weight_sum=15,
     ),
@@ -83,9 +91,9 @@ NASA_TLX = Instrument(
 NASA_TLX_WEIGHTS = Instrument(
     name="nasa-tlx-weights",
     title="NASA Task Load Index, sources of workload",
-    source=SOURCE,
+    citation=CITATION,
     licence=LICENCE,
-    response_scale=ResponseScale(points=2, lowest_value=0),
+    response_scale=ResponseScale(option_count=2, lowest_value=0),
     items=tuple(_pair(*pair) for pair in FACTOR_PAIRS),
     scales=tuple(_weight(factor) for factor in WORKLOAD_FACTORS),
 )

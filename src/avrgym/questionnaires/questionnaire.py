@@ -15,11 +15,11 @@ QUESTION_MOMENTS = ("before_session", "after_trial", "after_break", "after_sessi
 """Moments of questionnaires. ``caregiver``: a caregiver answers during or after a session."""
 SESSION_QUESTION_MOMENTS = ("before_session", "after_session")
 """Moments of questions about a whole session."""
-REPEATABLE_MOMENTS = ("after_break", "caregiver")
+REPEATABLE_QUESTION_MOMENTS = ("after_break", "caregiver")
 """Moments at which the same item may be answered several times."""
 ITEM_ORDERS = ("fixed", "random")
 """Orders of the items of a questionnaire."""
-MAX_SCALE_POINTS = 101
+MAX_OPTION_COUNT = 101
 """Maximum number of different answers to an item."""
 
 
@@ -32,7 +32,7 @@ class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_default
 
     id: str
     text: Annotated[str, msgspec.Meta(min_length=1)]
-    points: Annotated[int, msgspec.Meta(ge=2, le=MAX_SCALE_POINTS)]
+    points: Annotated[int, msgspec.Meta(ge=2, le=MAX_OPTION_COUNT)]
     low: str
     high: str
     labels: tuple[str, ...] = ()
@@ -76,7 +76,7 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The moments at which the items are shown, of ``QUESTION_MOMENTS``."""
         return (self.when,) if isinstance(self.when, str) else self.when
 
-    def scale_of(self, item: Item) -> ResponseScale:
+    def find_response_scale(self, item: Item) -> ResponseScale:
         """Returns the response scale of an item.
 
         Items of a validated questionnaire have its scale. Items with integer labels have these labels as values. All
@@ -87,9 +87,9 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return self.instrument.response_scale
         return _numbered(item.labels) or ResponseScale(item.points, lowest_value=1)
 
-    def describe_scale(self, item: Item) -> str:
+    def describe_response_scale(self, item: Item) -> str:
         """Returns the response scale of an item as text, with its labels."""
-        scale = self.scale_of(item)
+        scale = self.find_response_scale(item)
         if item.labels and item.labels != tuple(map(str, scale.values)):
             return ", ".join(
                 f"{value} ({label})" for value, label in zip(scale.values, item.labels, strict=True)
@@ -120,12 +120,12 @@ LIKERT_ITEMS = (
 )
 
 
-def items_at_moment(questionnaires: Iterable[Questionnaire], when: str, seed: int) -> tuple[Item, ...]:
+def list_items_at_moment(questionnaires: Iterable[Questionnaire], when: str, seed: int) -> tuple[Item, ...]:
     """Returns the items that are shown at a moment, in order.
 
     ``when``: one of ``QUESTION_MOMENTS``. ``seed``: seed of random item orders.
     """
-    rng = random_streams.item_order_generator(seed)
+    rng = random_streams.make_item_order_rng(seed)
     ordered: list[Item] = []
     for questionnaire in questionnaires:
         if when in questionnaire.moments:

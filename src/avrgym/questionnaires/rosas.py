@@ -1,6 +1,6 @@
 """Robotic Social Attributes Scale (RoSAS): perceived warmth, competence and discomfort."""
 
-from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, ScoreScale
 
 ATTRIBUTES_BY_SCALE = {
     "warmth": ("happy", "feeling", "social", "organic", "compassionate", "emotional"),
@@ -11,12 +11,12 @@ ATTRIBUTES_BY_SCALE = {
 ROSAS = Instrument(
     name="rosas",
     title="Robotic Social Attributes Scale",
-    source=(
+    citation=(
         "Carpinella, Wyman, Perez and Stroessner (2017), The Robotic Social Attributes Scale (RoSAS), "
         "doi:10.1145/2909824.3020208"
     ),
     licence="single adjectives, which have no copyright; AVR Gym wrote the question",
-    response_scale=ResponseScale(points=9, lowest_value=1),
+    response_scale=ResponseScale(option_count=9, lowest_value=1),
     items=tuple(
         InstrumentItem(
             f"rosas_{word}",
@@ -28,6 +28,7 @@ ROSAS = Instrument(
         for word in words
     ),
     scales=tuple(
-        Scale(name, tuple(f"rosas_{word}" for word in words)) for name, words in ATTRIBUTES_BY_SCALE.items()
+        ScoreScale(name, tuple(f"rosas_{word}" for word in words))
+        for name, words in ATTRIBUTES_BY_SCALE.items()
     ),
 )

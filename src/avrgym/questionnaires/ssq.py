@@ -1,6 +1,6 @@
 """Simulator Sickness Questionnaire (SSQ): 16 symptoms with four severities."""
 
-from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, ScoreScale
 
 SEVERITY_LABELS = ("none", "slight", "moderate", "severe")
 
@@ -44,20 +44,20 @@ DISORIENTATION_ITEMS = _symptoms(
 SSQ = Instrument(
     name="ssq",
     title="Simulator Sickness Questionnaire",
-    source=(
+    citation=(
         "Kennedy, Lane, Berbaum and Lilienthal (1993), Simulator Sickness Questionnaire, "
         "doi:10.1207/s15327108ijap0303_3"
     ),
     licence="names of symptoms and of their severity, which have no copyright",
-    response_scale=ResponseScale(points=4, lowest_value=0),
+    response_scale=ResponseScale(option_count=4, lowest_value=0),
     items=tuple(
         InstrumentItem(f"ssq_{name}", text, SEVERITY_LABELS[0], SEVERITY_LABELS[-1], SEVERITY_LABELS)
         for name, text in SYMPTOMS.items()
     ),
     scales=(
-        Scale("nausea", NAUSEA_ITEMS, "sum", 9.54),
-        Scale("oculomotor", OCULOMOTOR_ITEMS, "sum", 7.58),
-        Scale("disorientation", DISORIENTATION_ITEMS, "sum", 13.92),
-        Scale("total", NAUSEA_ITEMS + OCULOMOTOR_ITEMS + DISORIENTATION_ITEMS, "sum", 3.74),
+        ScoreScale("nausea", NAUSEA_ITEMS, "sum", 9.54),
+        ScoreScale("oculomotor", OCULOMOTOR_ITEMS, "sum", 7.58),
+        ScoreScale("disorientation", DISORIENTATION_ITEMS, "sum", 13.92),
+        ScoreScale("total", NAUSEA_ITEMS + OCULOMOTOR_ITEMS + DISORIENTATION_ITEMS, "sum", 3.74),
     ),
 )

@@ -31,7 +31,7 @@ class StopDecision(NamedTuple):
 
 
 @dataclass(frozen=True)
-class StopRules:
+class StopRuleSet:
     """All stop rules of a study. ``questionnaires``: the questionnaires with the items of the rules."""
 
     rules: tuple[StopRule, ...] = ()
@@ -50,7 +50,7 @@ class StopRules:
             f"{item.text!r} was answered {answer!r}; the limit of its stop rule is {rule.min_value:g}",
         )
 
-    def value_range(self, item: str) -> tuple[float, float]:
+    def compute_value_range(self, item: str) -> tuple[float, float]:
         """Returns the lowest and the highest value that a stop rule for ``item`` can use."""
         questionnaire, found = self.find_item(item)
         return _count(questionnaire, 1), _count(questionnaire, found.points)
@@ -73,4 +73,4 @@ def _value_text(questionnaire: Questionnaire, item: Item, value: int) -> str:
 
 def _count(questionnaire: Questionnaire, value: int) -> float:
     instrument = questionnaire.instrument
-    return value if instrument is None else instrument.response_scale.scale_value(value)
+    return value if instrument is None else instrument.response_scale.compute_option_value(value)

@@ -1,6 +1,6 @@
 """System Usability Scale (SUS): ten statements about a system, one score from 0 to 100."""
 
-from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
+from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, ScoreScale
 
 _STATEMENTS = (
     "I think that I would like to use this system frequently.",
@@ -19,13 +19,17 @@ _SUS_ITEMS = tuple(f"sus_{number}" for number in range(1, 11))
 SUS = Instrument(
     name="sus",
     title="System Usability Scale",
-    source="Brooke (1996), SUS: a 'quick and dirty' usability scale, in Usability Evaluation in Industry, 189-194",
+    citation="Brooke (1996), SUS: a 'quick and dirty' usability scale, in Usability Evaluation in Industry, 189-194",
     licence="free to use where reports acknowledge the source (Brooke 1996)",
-    response_scale=ResponseScale(points=5, lowest_value=1),
+    response_scale=ResponseScale(option_count=5, lowest_value=1),
     items=tuple(
         InstrumentItem(item, text, "strongly disagree", "strongly agree")
         for item, text in zip(_SUS_ITEMS, _STATEMENTS, strict=True)
     ),
-    scales=(Scale("usability", _SUS_ITEMS, "sum", 2.5, reversed_items=_SUS_ITEMS[1::2], item_offset=-1),),
+    scales=(
+        ScoreScale(
+            "usability", _SUS_ITEMS, "sum", 2.5, reversed_item_ids=_SUS_ITEMS[1::2], item_value_offset=-1
+        ),
+    ),
     missing_answer_rule="centre",
 )

@@ -20,7 +20,7 @@ class StoredAnswer(msgspec.Struct, frozen=True):
     answered_at: str
 
 
-def answers_path(recording: str | os.PathLike[str]) -> Path:
+def get_answers_path(recording: str | os.PathLike[str]) -> Path:
     """Returns the path of a recording's answers file.
 
     The file exists only if the participant has given answers after the end of the recording.
@@ -34,7 +34,9 @@ def append_answer(recording: Path, answer: Answer) -> None:
     """
     at = datetime.now(UTC).isoformat(timespec="microseconds")
     stored = StoredAnswer(answer.item, answer.value, answer.response_time_s, at)
-    with open(os.open(answers_path(recording), os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600), "ab") as file:
+    with open(
+        os.open(get_answers_path(recording), os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600), "ab"
+    ) as file:
         file.write(msgspec.json.encode(stored) + b"\n")
         file.flush()
         os.fsync(file.fileno())
@@ -45,13 +47,13 @@ def read_answers(recording: str | os.PathLike[str]) -> list[Answer]:
     return [Answer(each.item, each.value, each.response_time_s) for each in _lines(recording)]
 
 
-def answer_timestamps(recording: str | os.PathLike[str]) -> dict[str, str]:
+def read_answer_timestamps(recording: str | os.PathLike[str]) -> dict[str, str]:
     """Returns the time stamp (ISO 8601, UTC) of the latest answer to each item, by item id."""
     return {each.item: each.answered_at for each in _lines(recording)}
 
 
 def _lines(recording: str | os.PathLike[str]) -> list[StoredAnswer]:
-    path = answers_path(recording)
+    path = get_answers_path(recording)
     if not path.is_file():
         return []
     lines = path.read_bytes().split(b"\n")[:-1]

@@ -57,7 +57,7 @@ class RecordedConsent(msgspec.Struct, frozen=True, omit_defaults=True):
     ] = None
 
 
-class TrackedPart(msgspec.Struct, frozen=True):
+class TrackingQuality(msgspec.Struct, frozen=True):
     """The tracking quality of the head or of one hand in the headset check."""
 
     modality: Annotated[
@@ -91,9 +91,9 @@ class HeadsetCheck(msgspec.Struct, frozen=True):
     latency_ms: Annotated[
         dict[str, dict[str, float]], Meta(description="Percentiles of each stage of `/latency`.")
     ]
-    head: TrackedPart
-    left: TrackedPart
-    right: TrackedPart
+    head: TrackingQuality
+    left: TrackingQuality
+    right: TrackingQuality
     vibration_felt: Annotated[
         bool | None, Meta(description="Whether the participant felt the vibration.")
     ] = msgspec.field(default=None, name="haptics")
@@ -195,7 +195,7 @@ class TrialConfiguration(msgspec.Struct, frozen=True, kw_only=True):
         )
 
 
-def configuration_from_metadata(values: Mapping[str, Any]) -> TrialConfiguration:
+def parse_configuration(values: Mapping[str, Any]) -> TrialConfiguration:
     """Returns the configuration from the values of a metadata record.
 
     Raises:

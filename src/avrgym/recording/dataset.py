@@ -8,10 +8,10 @@ import numpy as np
 from avrgym.array_types import BoolArray, NumpyArray
 from avrgym.learning.lerobot_dataset import DatasetEpisode
 from avrgym.recording.reader import Recording
-from avrgym.tasks.registry import instruction
+from avrgym.tasks.registry import make_policy_instruction
 
 
-def recorded_episode(
+def make_dataset_episode(
     recording: Recording,
     images: Mapping[str, NumpyArray],
     labels: Mapping[str, Any],
@@ -22,14 +22,14 @@ def recorded_episode(
     steps = [control for _, control in recording.messages_by_topic["/control"]]
     configuration = recording.configuration
     return DatasetEpisode(
-        instruction(configuration.environment, configuration.settings),
+        make_policy_instruction(configuration.environment, configuration.settings),
         observations=np.array([control.observation for control in steps]),
         actions=np.array([control.action for control in steps]),
         rewards=np.array([control.reward for control in steps]),
         successes=np.array([control.success for control in steps]),
         forces_on_person_n=np.array([control.force_on_person_n for control in steps]),
         images=images,
-        labels=labels,
-        constants=constants,
+        episode_columns=labels,
+        constant_features=constants,
         interventions=interventions,
     )

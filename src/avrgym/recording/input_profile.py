@@ -12,12 +12,12 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from avrgym.commands.input_names import InputMethod, StopInput
-from avrgym.models.body_names import ARMS, TRACKED_BODY_PART_LABELS, Side, TrackedBodyPart
-from avrgym.recording.presentation import Presentation
+from avrgym.commands.input_methods import InputMethod, StopInput
+from avrgym.models.body_names import PERSON_ARM_SIDES, TRACKED_BODY_PART_LABELS, Side, TrackedBodyPart
+from avrgym.recording.presentation import PresentationPreferences
 from avrgym.system.struct_values import convert_to_struct
 
-_BOTH: frozenset[Side] = frozenset(ARMS)
+_BOTH: frozenset[Side] = frozenset(PERSON_ARM_SIDES)
 POINTING_ARMS: Mapping[InputMethod, frozenset[Side]] = {
     "controllers": _BOTH,
     "hands": _BOTH,
@@ -77,9 +77,9 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         tuple[StopInput, ...] | None,
         Meta(description="How the participant stops the robot; default: by method."),
     ] = None
-    presentation: Annotated[Presentation, Meta(description="How the participant reads and hears texts.")] = (
-        Presentation()
-    )
+    presentation: Annotated[
+        PresentationPreferences, Meta(description="How the participant reads and hears texts.")
+    ] = PresentationPreferences()
 
     def __post_init__(self) -> None:
         for name, (low, high) in SELECTION_TIME_RANGES_S.items():
@@ -120,7 +120,11 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def tracked_arms(self) -> tuple[Side, ...]:
         """The arms that are tracked during a session. All other arms rest."""
         unusable = {*self.resting_arms, *self.absent_arms}
-        return tuple(arm for arm in ARMS if arm in POINTING_ARMS.get(self.method, ()) and arm not in unusable)
+        return tuple(
+            arm
+            for arm in PERSON_ARM_SIDES
+            if arm in POINTING_ARMS.get(self.method, ()) and arm not in unusable
+        )
 
     def needs_tracking(self, part: TrackedBodyPart) -> bool:
         """Returns whether a body part must be tracked: the head and ``tracked_arms``. Resting and absent arms need no
@@ -148,7 +152,7 @@ DEFAULT_INPUT_PROFILE = InputProfile()
 """The default input profile: selection with two controllers."""
 
 
-def profile_from_table(values: object) -> InputProfile:
+def parse_input_profile(values: object) -> InputProfile:
     """Returns the input profile from a table of values. Raises ``InputProfileError`` for invalid values."""
     try:
         return convert_to_struct(values, InputProfile)

@@ -7,11 +7,11 @@ from msgspec import Meta
 
 Contrast = Literal["normal", "high"]
 PanelPosition = Literal["left", "centre", "right"]
-ALLOWED_RANGES = {"text_deg": (1.0, 3.0), "panel_distance_m": (0.75, 2.0)}
+PREFERENCE_RANGES = {"text_deg": (1.0, 3.0), "panel_distance_m": (0.75, 2.0)}
 """Minimum and maximum of each numerical preference."""
 
 
-class Presentation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class PresentationPreferences(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Presentation of texts and sounds to a participant.
 
     ``text_deg`` determines the size of the whole panel in VR: at 1.5° the panel is 31° wide. On the page without a
@@ -42,14 +42,14 @@ class Presentation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     captions: Annotated[bool, Meta(description="A caption describes each sound.")] = False
 
     def __post_init__(self) -> None:
-        for name, (low, high) in ALLOWED_RANGES.items():
+        for name, (low, high) in PREFERENCE_RANGES.items():
             value = getattr(self, name)
             if not low <= value <= high:
                 raise ValueError(f"{name} is {value:g}; allowed: {low:g} to {high:g}")
 
     def describe(self) -> str:
         """Returns a line of English text with the preferences that differ from the defaults."""
-        default = Presentation()
+        default = PresentationPreferences()
         words = {
             "text_deg": f"text {self.text_deg:g}°",
             "panel_distance_m": f"panel at {self.panel_distance_m:g} m",

@@ -13,10 +13,10 @@ from mcap import records as mcap_records
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from avrgym.recording import answers_file
-from avrgym.recording.configuration import TrialConfiguration, configuration_from_metadata
+from avrgym.recording.configuration import TrialConfiguration, parse_configuration
 from avrgym.recording.schema import TOPICS, AttemptEnd, Metrics, Outcome, decode
 
-CONFIGURATION_RECORD, ORIGIN_RECORD = "configuration", "origin"
+CONFIGURATION_RECORD, START_TIME_RECORD = "configuration", "origin"
 """Names of the metadata records at the beginning. ``origin`` contains date and time."""
 OUTCOME_RECORD, ROBOT_FINISHED_RECORD = "outcome", "robot_finished"
 """Names of the metadata records at the end of the trial, and at the end of its last control step."""
@@ -42,7 +42,7 @@ class Recording:
         configuration: all parameters of the trial.
         outcome: result and metrics of the attempt; ``None`` if the recording is truncated.
         messages: all messages (topic, log_time_ns, record), in the order in which they were written.
-        complete: whether the recording has an outcome and contains all data.
+        is_complete: whether the recording has an outcome and contains all data.
         began_at: start of the trial, UTC.
         robot_outcome: the outcome at the end of the last control step; ``None`` if the robot did not finish.
     """
@@ -50,7 +50,7 @@ class Recording:
     configuration: TrialConfiguration
     outcome: Outcome | None
     messages: list[tuple[str, int, Any]]
-    complete: bool
+    is_complete: bool
     began_at: datetime
     robot_outcome: Outcome | None = None
 
@@ -100,7 +100,7 @@ def read_recording(path: str | os.PathLike[str], *, undecoded: Collection[str] =
         configuration=header.configuration,
         outcome=outcome,
         messages=messages,
-        complete=whole and gapless and outcome is not None,
+        is_complete=whole and gapless and outcome is not None,
         began_at=header.began_at,
         robot_outcome=_outcome(metadata.get(ROBOT_FINISHED_RECORD)) if gapless else None,
     )
@@ -123,10 +123,10 @@ def _header(path: str | os.PathLike[str], records: Iterable[mcap_records.McapRec
         if isinstance(record, mcap_records.Chunk | mcap_records.Message):
             break
         metadata |= _metadata([record])
-        if CONFIGURATION_RECORD in metadata and ORIGIN_RECORD in metadata:
+        if CONFIGURATION_RECORD in metadata and START_TIME_RECORD in metadata:
             try:
-                began_at = datetime.fromisoformat(metadata[ORIGIN_RECORD]["began_at"])
-                return RecordingHeader(configuration_from_metadata(metadata[CONFIGURATION_RECORD]), began_at)
+                began_at = datetime.fromisoformat(metadata[START_TIME_RECORD]["began_at"])
+                return RecordingHeader(parse_configuration(metadata[CONFIGURATION_RECORD]), began_at)
             except (KeyError, TypeError, ValueError) as error:
                 raise RecordingError(
                     f"{path}: the configuration in this recording is not valid: {error}; restore a backup"

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 
-from avrgym.questionnaires.questionnaire import MAX_SCALE_POINTS
+from avrgym.questionnaires.questionnaire import MAX_OPTION_COUNT
 from avrgym.system.type_guards import is_array, is_table
 
 MAX_LATENCY_FRAMES, MAX_LATENCY_MS = 256, 60_000
@@ -156,7 +156,7 @@ class Answer(Record, frozen=True):
     """The answer to one item. ``response_time_s``: time from the item's appearance to the answer."""
 
     item: Annotated[str, msgspec.Meta(max_length=64)]
-    value: Annotated[int, msgspec.Meta(ge=1, le=MAX_SCALE_POINTS)]
+    value: Annotated[int, msgspec.Meta(ge=1, le=MAX_OPTION_COUNT)]
     response_time_s: Annotated[float, msgspec.Meta(ge=0)]
 
 
@@ -281,7 +281,7 @@ def decode(topic: str, data: bytes) -> Any:
     return _decoders[TOPICS[topic]].decode(data)
 
 
-def json_schema(topic: str) -> bytes:
+def make_json_schema(topic: str) -> bytes:
     """Returns the JSON Schema of a topic's records. It has no references, because MCAP viewers do not resolve them."""
     (reference,), definitions = msgspec.json.schema_components((TOPICS[topic],))
     return _encoder.encode(_resolve(reference, definitions))

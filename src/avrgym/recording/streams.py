@@ -18,7 +18,7 @@ from avrgym.system.columns import Column
 
 MIN_GAP_INTERVALS = 5.0
 """A gap in a regular stream is longer than this number of sample intervals."""
-MAX_CLOCK_LEAD_S, MAX_JITTER_STEP_S = 0.25, 0.05
+MIN_FORWARD_CLOCK_RESET_S, MIN_BACKWARD_CLOCK_RESET_S = 0.25, 0.05
 """Minimum forward and backward step of sample times that can be a clock reset. A smaller forward step is a gap, a
 smaller backward step is jitter."""
 MAX_ARRIVAL_DELAY_S = 60.0
@@ -48,12 +48,12 @@ class ClockReset:
 class SampleTimes:
     """Corrected times (n,) of a stream's samples in seconds; they never decrease.
 
-    ``resets``: the corrected clock resets. ``num_corrected_samples``: number of samples with times before the previous
-    sample, because of jitter. Their times were increased to that of the previous sample.
+    ``clock_resets``: the corrected clock resets. ``num_corrected_samples``: number of samples with times before the
+    previous sample, because of jitter. Their times were increased to that of the previous sample.
     """
 
     time_s: FloatArray
-    resets: tuple[ClockReset, ...]
+    clock_resets: tuple[ClockReset, ...]
     num_corrected_samples: int
 
 
@@ -93,13 +93,13 @@ def correct_sample_times(chunks: SampleChunks, rate_hz: float) -> SampleTimes:
 
 
 def _is_plausible(segment: _Segment) -> bool:
-    return -MAX_CLOCK_LEAD_S <= segment.delay_s <= MAX_ARRIVAL_DELAY_S
+    return -MIN_FORWARD_CLOCK_RESET_S <= segment.delay_s <= MAX_ARRIVAL_DELAY_S
 
 
 def _segments(given: FloatArray, arrived: FloatArray, rate_hz: float) -> list[_Segment]:
     """Splits samples at clock resets. ``given`` and ``arrived`` are their sample and arrival times in seconds."""
     steps_s = np.diff(given)
-    breaks = np.flatnonzero((steps_s > _gap_s(rate_hz)) | (steps_s < -MAX_JITTER_STEP_S)) + 1
+    breaks = np.flatnonzero((steps_s > _gap_s(rate_hz)) | (steps_s < -MIN_BACKWARD_CLOCK_RESET_S)) + 1
     ends = [*breaks.tolist(), len(given)]
     found: list[_Segment] = []
     for first, end in zip([0, *ends], ends, strict=False):
@@ -118,14 +118,20 @@ def _is_reset(before_s: float, after_s: float, step_s: float, rate_hz: float) ->
     In irregular streams, a late sample looks like a forward jump of the clock. There, only a negative delay from sample
     to arrival proves a reset.
     """
-    if step_s < -MAX_JITTER_STEP_S:
+    if step_s < -MIN_BACKWARD_CLOCK_RESET_S:
         return True
-    return before_s - after_s > step_s / 2.0 and (rate_hz > 0.0 or after_s < -MAX_CLOCK_LEAD_S <= before_s)
+    return before_s - after_s > step_s / 2.0 and (
+        rate_hz > 0.0 or after_s < -MIN_FORWARD_CLOCK_RESET_S <= before_s
+    )
 
 
 def _gap_s(rate_hz: float) -> float:
     """Returns the smallest step of sample times that may be a forward jump of the clock, in seconds."""
-    return max(MIN_GAP_INTERVALS / rate_hz, MAX_CLOCK_LEAD_S) if rate_hz > 0.0 else MAX_CLOCK_LEAD_S
+    return (
+        max(MIN_GAP_INTERVALS / rate_hz, MIN_FORWARD_CLOCK_RESET_S)
+        if rate_hz > 0.0
+        else MIN_FORWARD_CLOCK_RESET_S
+    )
 
 
 def _clock_lead_s(
@@ -167,27 +173,29 @@ class StreamQuality:
     clock_jump_s: Annotated[float, Column("Largest jump of this clock; negative is backwards.", unit="s")]
 
 
-def streams_by_name(topics: MessagesByTopic) -> dict[str, Stream]:
+def collect_streams(topics: MessagesByTopic) -> dict[str, Stream]:
     """Returns the descriptions of a recording's streams, by name of the stream."""
     return {each.name: each for _, each in topics["/streams"]}
 
 
-def stream_chunks(topics: MessagesByTopic, stream: str) -> SampleChunks:
+def collect_stream_chunks(topics: MessagesByTopic, stream: str) -> SampleChunks:
     """Returns all samples of the stream with this name, with their arrival times."""
     return [(time_ns, chunk) for time_ns, chunk in topics["/samples"] if chunk.stream_name == stream]
 
 
-def stream_sample_times(topics: MessagesByTopic, stream: str) -> SampleTimes:
+def compute_stream_sample_times(topics: MessagesByTopic, stream: str) -> SampleTimes:
     """Returns the sample times of a stream in a recording, corrected for clock resets."""
-    described = streams_by_name(topics).get(stream)
-    return correct_sample_times(stream_chunks(topics, stream), described.rate_hz if described else 0.0)
+    described = collect_streams(topics).get(stream)
+    return correct_sample_times(
+        collect_stream_chunks(topics, stream), described.rate_hz if described else 0.0
+    )
 
 
-def stream_quality(topics: MessagesByTopic) -> list[StreamQuality]:
+def compute_stream_quality(topics: MessagesByTopic) -> list[StreamQuality]:
     """Returns the timing quality of each stream in a recording, in alphabetical order."""
     return [
-        _quality(stream, stream_chunks(topics, name), stream_sample_times(topics, name))
-        for name, stream in sorted(streams_by_name(topics).items())
+        _quality(stream, collect_stream_chunks(topics, name), compute_stream_sample_times(topics, name))
+        for name, stream in sorted(collect_streams(topics).items())
     ]
 
 
@@ -206,8 +214,8 @@ def _quality(stream: Stream, chunks: SampleChunks, found: SampleTimes) -> Stream
         offset_range_ms=float(np.ptp(offsets_ms)),
         jitter_ms=None if jitter_s is None else 1e3 * jitter_s,
         gaps=gaps,
-        clock_resets=len(found.resets),
-        clock_jump_s=max((reset.jump_s for reset in found.resets), key=abs, default=0.0),
+        clock_resets=len(found.clock_resets),
+        clock_jump_s=max((reset.jump_s for reset in found.clock_resets), key=abs, default=0.0),
     )
 
 

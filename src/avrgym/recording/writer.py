@@ -19,15 +19,15 @@ from mcap.writer import MCAP0_MAGIC, Writer
 from avrgym.recording.configuration import TrialConfiguration
 from avrgym.recording.reader import (
     CONFIGURATION_RECORD,
-    ORIGIN_RECORD,
     OUTCOME_RECORD,
     ROBOT_FINISHED_RECORD,
+    START_TIME_RECORD,
     RecordingError,
     read_intact_records,
     read_recording,
 )
-from avrgym.recording.schema import TOPICS, Outcome, Record, encode, json_schema
-from avrgym.system.files import private_opener
+from avrgym.recording.schema import TOPICS, Outcome, Record, encode, make_json_schema
+from avrgym.system.files import open_privately
 
 FLUSH_INTERVAL_S = 0.1
 """Interval at which queued records are written to the file."""
@@ -135,7 +135,7 @@ class RecordingWriter:
         try:
             self._mcap.start(profile="", library="avrgym")
             self._mcap.add_metadata(CONFIGURATION_RECORD, _to_text(msgspec.to_builtins(configuration)))
-            self._mcap.add_metadata(ORIGIN_RECORD, _to_text({"began_at": datetime.now(UTC).isoformat()}))
+            self._mcap.add_metadata(START_TIME_RECORD, _to_text({"began_at": datetime.now(UTC).isoformat()}))
         except BaseException:
             self._disk.close()
             self.path.unlink()
@@ -144,7 +144,7 @@ class RecordingWriter:
 
     def _register(self, topic: str) -> int:
         schema = self._mcap.register_schema(
-            name=f"avrgym.{TOPICS[topic].__name__}", encoding="jsonschema", data=json_schema(topic)
+            name=f"avrgym.{TOPICS[topic].__name__}", encoding="jsonschema", data=make_json_schema(topic)
         )
         return self._mcap.register_channel(topic=topic, message_encoding="json", schema_id=schema)
 
@@ -203,7 +203,7 @@ class _Disk:
     """A new file without a buffer. A failed write is therefore not repeated later."""
 
     def __init__(self, path: Path):
-        self._file = FileIO(path, "x", opener=private_opener)
+        self._file = FileIO(path, "x", opener=open_privately)
 
     @property
     def closed(self) -> bool:
@@ -237,7 +237,7 @@ def complete_truncated_recording(path: str | os.PathLike[str]) -> None:
     The outcome replaces unreadable data at the end of the file. The file must not be open for writing.
     """
     recording = read_recording(path)
-    if recording.complete or recording.robot_outcome is None:
+    if recording.is_complete or recording.robot_outcome is None:
         return
     end = RecordBuilder()
     if recording.outcome is None:

@@ -40,17 +40,17 @@ from numpy.typing import NDArray
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.recording.reader import Recording
-from avrgym.recording.schema import TOPICS, TrackingFrame, encode, json_schema
-from avrgym.replay.output import check_new_file
-from avrgym.replay.timeline import build_timeline, recorded_scene_parameters
+from avrgym.recording.schema import TOPICS, TrackingFrame, encode, make_json_schema
+from avrgym.replay.output_files import check_output_path
+from avrgym.replay.timeline import build_timeline, get_scene_parameters
 from avrgym.system import random_streams
 from avrgym.system.files import write_atomically
-from avrgym.vr.scene.body_surfaces import BodySurface, body_surfaces
-from avrgym.vr.scene.export_process import model_with_appearance
+from avrgym.vr.scene.body_surfaces import BodySurface, make_body_surfaces
+from avrgym.vr.scene.export_process import build_model_with_appearance
 
 WORLD_FRAME_ID, TRACKING_FRAME_ID = "world", "local_floor"
 """Names of coordinate frames: the simulated world (z up), and the headset's space of tracked poses (y up)."""
-TRACKED_PARTS = ("head", "left", "right")
+TRACKED_BODY_PARTS = ("head", "left", "right")
 """Names of the body parts with tracked poses: the head and both hands."""
 NUM_SURFACE_POINTS = 40_000
 """Total number of points on the surfaces of all bodies."""
@@ -72,11 +72,11 @@ def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]
         ValueError: for a wrong suffix, a missing folder, or a recording that cannot be recomputed.
         FileExistsError: if the file exists.
     """
-    check_new_file(out, (".mcap",))
+    check_output_path(out, (".mcap",))
     timeline, poses = build_timeline(recording, progress)
     data = io.BytesIO()
     log = _Log(data, round(recording.began_at.timestamp() * 1e9), _described(recording))
-    surfaces = body_surfaces(model_with_appearance(*recorded_scene_parameters(recording)))
+    surfaces = make_body_surfaces(build_model_with_appearance(*get_scene_parameters(recording)))
     log.write("/scene", 0.0, SceneUpdate(entities=[_entity(log, *each) for each in surfaces.items()]))
     for body, cloud in _clouds(surfaces):
         log.write(f"/surfaces/{body.replace('/', '_')}", 0.0, _point_cloud(log, body, cloud))
@@ -131,7 +131,7 @@ class _Log:
         """Write a record of the recording as JSON. ``time_ns`` counts from the start of the trial."""
         if topic not in self._schemas:
             name = f"avrgym.{TOPICS[topic].__name__}"
-            self._schemas[topic] = self._mcap.register_schema(name, "jsonschema", json_schema(topic))
+            self._schemas[topic] = self._mcap.register_schema(name, "jsonschema", make_json_schema(topic))
         self._add(topic, "json", self._schemas[topic], self._began_ns + time_ns, encode(record))
 
     def finish(self) -> None:
@@ -189,7 +189,7 @@ def _clouds(surfaces: Mapping[str, Sequence[BodySurface]]) -> Iterator[tuple[str
     """
     areas = {body: [_areas(surface) for surface in own] for body, own in surfaces.items()}
     density = NUM_SURFACE_POINTS / sum(area.sum() for own in areas.values() for area in own)
-    generator = random_streams.surface_point_generator()
+    generator = random_streams.make_surface_point_rng()
     for body, own in surfaces.items():
         drawn = [
             _points(surface, area, int(np.ceil(density * area.sum())), generator)
@@ -266,7 +266,7 @@ def _tracking_space(recording: Recording) -> FloatArray:
 
 
 def _write_tracked(log: _Log, time_s: float, frame: TrackingFrame) -> None:
-    for part in TRACKED_PARTS:
+    for part in TRACKED_BODY_PARTS:
         pose = getattr(frame, part)
         if pose is None:
             continue

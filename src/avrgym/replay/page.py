@@ -11,11 +11,11 @@ from msgspec.structs import replace
 
 from avrgym.recording.configuration import TrialConfiguration
 from avrgym.recording.reader import Recording
-from avrgym.replay.output import check_new_file
-from avrgym.replay.packing import POSE_RESOLUTION, pack_poses
+from avrgym.replay.output_files import check_output_path
+from avrgym.replay.pose_packing import POSE_RESOLUTION, pack_poses
 from avrgym.replay.timeline import Timeline, align_robot_starts, export_recorded_scene
 from avrgym.system.files import PRIVATE_FILE_MODE, write_atomically
-from avrgym.vr.live_world.scene_message import scene_url
+from avrgym.vr.live_world.scene_message import make_scene_url
 from avrgym.vr.server.web_server import STATIC_FOLDER, check_client_page
 
 PAGE_TEMPLATE = "trial.html"
@@ -51,7 +51,7 @@ class ReplayedTrial(NamedTuple):
     poses: bytes
 
 
-def check_new_page(out: Path) -> None:
+def check_page_path(out: Path) -> None:
     """Check that a page can be written to the file ``out``.
 
     Raises:
@@ -59,7 +59,7 @@ def check_new_page(out: Path) -> None:
         FileExistsError: if the file exists.
         ServerError: if the client is not built.
     """
-    check_new_file(out, (".html",))
+    check_output_path(out, (".html",))
     check_client_page(PAGE_TEMPLATE)
 
 
@@ -68,12 +68,12 @@ def write_page(trials: Sequence[ReplayedTrial], out: Path) -> None:
 
     With two trials, the earlier one is delayed: both robots start at the same time.
 
-    Raises the same errors as ``check_new_page``.
+    Raises the same errors as ``check_page_path``.
     """
-    check_new_page(out)
+    check_page_path(out)
     before, place, after = (STATIC_FOLDER / PAGE_TEMPLATE).read_bytes().partition(DATA_SCRIPT_TAG)
     page = before + place + _within_script(_packed(trials)) + after
-    check_new_file(out, (".html",))
+    check_output_path(out, (".html",))
     write_atomically(out, page, PRIVATE_FILE_MODE)
 
 
@@ -85,13 +85,14 @@ def _packed(trials: Sequence[ReplayedTrial]) -> PageData:
         step=POSE_RESOLUTION,
         trials=[
             PackedTrial(
-                replace(timeline, scene=replace(timeline.scene, url=scene_url(scene))),
+                replace(timeline, scene=replace(timeline.scene, url=make_scene_url(scene))),
                 _deflated(pack_poses(trial.poses, len(timeline.frames_s))),
             )
             for trial, timeline, scene in zip(trials, timelines, scenes, strict=True)
         ],
         scenes={
-            scene_url(scene): _deflated(export_recorded_scene(recordings[scene])) for scene in set(scenes)
+            make_scene_url(scene): _deflated(export_recorded_scene(recordings[scene]))
+            for scene in set(scenes)
         },
     )
 

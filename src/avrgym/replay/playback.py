@@ -9,15 +9,15 @@ from avrgym.array_types import FloatArray
 from avrgym.models.human import JOINTS
 from avrgym.recording.configuration import TrialConfiguration
 from avrgym.recording.reader import Recording
+from avrgym.recording.recorded_world import rebuild_world
 from avrgym.recording.schema import Control, Event, Physics
-from avrgym.recording.world import rebuild_world
 from avrgym.safety.region_forces import RegionLoadRecorder, RegionLoads
-from avrgym.system.used_plugins import differences
+from avrgym.system.used_plugins import describe_plugin_differences
 from avrgym.tasks.constants import SIMULATION_VERSION
 from avrgym.tasks.control_loop import FirstWorldStep
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
-from avrgym.vr.session.attempt import control_record
+from avrgym.tasks.registry import ENVIRONMENTS, find_plugins
+from avrgym.vr.session.attempt import make_control_record
 
 BRAKE_EVENTS = (("phase", "retreat"), ("phase", "free_after"))
 """Names and details of the recorded events at which the brakes stop the robot."""
@@ -32,13 +32,13 @@ class ComparedState:
     """A recorded simulator state (S,) and the recomputed state (S,) at the same time of the trial."""
 
     time_s: float
-    recorded: FloatArray
-    recomputed: FloatArray
+    recorded_state: FloatArray
+    recomputed_state: FloatArray
 
     @property
-    def identical(self) -> bool:
+    def is_identical(self) -> bool:
         """Whether recorded and recomputed state are bit-identical."""
-        return self.recorded.tobytes() == self.recomputed.tobytes()
+        return self.recorded_state.tobytes() == self.recomputed_state.tobytes()
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ class ComparedStep:
     """A recorded control step and the same control step, recomputed."""
 
     time_s: float
-    recorded: Control
-    recomputed: Control
+    recorded_step: Control
+    recomputed_step: Control
 
 
 class Playback:
@@ -59,7 +59,7 @@ class Playback:
         recording: the recording that is recomputed.
         episodes: the world, in the current state of ``recompute``.
         phase: the current phase of the session.
-        robot_driven: whether a driver (policy or operator) controlled the robot in the last physics step.
+        is_robot_controlled: whether a driver (policy or operator) controlled the robot in the last physics step.
     """
 
     def __init__(self, recording: Recording, *, by_region: bool = False) -> None:
@@ -77,13 +77,13 @@ class Playback:
             self.episodes = rebuild_world(recording.configuration, by_region=by_region)
             _check_names(recording.configuration, self.episodes)
         except ValueError as error:
-            raise ReplayError("; ".join([str(error), *changed_plugins(recording)])) from error
+            raise ReplayError("; ".join([str(error), *find_changed_plugins(recording)])) from error
         self._loop = self.episodes.control_loop
         self._action: FloatArray | None = None
         self._action_is_new = self._brakes = False
         self._step: FirstWorldStep | None = None
         self.phase = ""
-        self.robot_driven = False
+        self.is_robot_controlled = False
         self._stopped = self._begun = False
 
     def recompute(self, *, follow: bool = False) -> Iterator[ComparedState | ComparedStep]:
@@ -100,11 +100,11 @@ class Playback:
             time_s = log_time_ns / 1e9
             if topic == "/physics":
                 state = self._advance(time_s, record)
-                if follow and not state.identical:
-                    self.episodes.simulation.set_integration_state(state.recorded)
+                if follow and not state.is_identical:
+                    self.episodes.simulation.set_integration_state(state.recorded_state)
                 yield state
             elif topic == "/control":
-                recomputed = control_record(
+                recomputed = make_control_record(
                     record.step, self._finished_step(time_s), record.driver, record.idle
                 )
                 yield ComparedStep(time_s, record, recomputed)
@@ -118,26 +118,26 @@ class Playback:
 
     def _advance(self, time_s: float, physics: Physics) -> ComparedState:
         simulation, recorded = self.episodes.simulation, np.array(physics.state, float)
-        self._step, self.robot_driven = None, False
+        self._step, self.is_robot_controlled = None, False
         if not self._begun:
             self._begin(recorded)
         elif not self._stopped:
-            self.robot_driven = self.phase == "trial"
+            self.is_robot_controlled = self.phase == "trial"
             self._tick()
-        return ComparedState(time_s, recorded, simulation.integration_state())
+        return ComparedState(time_s, recorded, simulation.get_integration_state())
 
     def _tick(self) -> None:
         if self.phase == "retreat":
             self._loop.advance_with_action(self.update_action(), hold=self._brakes)
         else:
-            self._step = self._loop.tick(self if self.robot_driven else None, hold=self._brakes)
+            self._step = self._loop.tick(self if self.is_robot_controlled else None, hold=self._brakes)
 
     def _begin(self, state: FloatArray) -> None:
-        size = len(self.episodes.simulation.integration_state())
+        size = len(self.episodes.simulation.get_integration_state())
         if len(state) != size:
             raise ReplayError(
                 f"a recorded state has {len(state)} values, but a state of this simulator has {size}; install the "
-                f"recorded version: {version_text(self.recording)}"
+                f"recorded version: {format_versions(self.recording)}"
             )
         self.episodes.simulation.brake_robot()
         self.episodes.simulation.set_integration_state(state)
@@ -147,7 +147,7 @@ class Playback:
         if self._step is None:
             raise ReplayError(
                 f"the recorded control step at {time_s:.2f} s does not end at a tick (10 ms) of the trial; restore a "
-                f"backup; {version_text(self.recording)}"
+                f"backup; {format_versions(self.recording)}"
             )
         return self._step
 
@@ -155,7 +155,7 @@ class Playback:
         """Returns the recorded action (1, A) of the current control step."""
         if self._action is None:
             raise ReplayError(
-                f"the recording contains no commands to the robot; restore a backup; {version_text(self.recording)}"
+                f"the recording contains no commands to the robot; restore a backup; {format_versions(self.recording)}"
             )
         self._action_is_new = False
         return self._action
@@ -190,13 +190,13 @@ def compute_region_loads(recording: Recording, progress: Callable[[], None] = la
     playback, watch = Playback(recording, by_region=True), RegionLoadRecorder(1)
     for compared in playback.recompute(follow=True):
         if isinstance(compared, ComparedState):
-            if playback.robot_driven:
-                watch.add(playback.episodes.simulation.region_force_n())
+            if playback.is_robot_controlled:
+                watch.add_forces(playback.episodes.simulation.compute_region_force_n())
             progress()
-    return watch.loads()
+    return watch.compute_loads()
 
 
-def title(recording: Recording) -> str:
+def format_title(recording: Recording) -> str:
     """Returns the title of a recording: environment, policy, trial, attempt, and whether the participant is
     simulated."""
     trial = recording.configuration
@@ -206,48 +206,50 @@ def title(recording: Recording) -> str:
     return f"{scene}, {trial.policy}, {kind}, attempt {trial.attempt_number}: {participant}"
 
 
-def phase_start_times(recording: Recording) -> list[tuple[float, str]]:
+def find_phase_start_times(recording: Recording) -> list[tuple[float, str]]:
     """Returns the start time (in seconds) and the name of each phase."""
     events = recording.messages_by_topic["/events"]
     return [(time_ns / 1e9, event.detail) for time_ns, event in events if event.name == "phase"]
 
 
-def robot_motion_end_s(recording: Recording) -> float:
+def find_robot_motion_end_s(recording: Recording) -> float:
     """Returns the time in seconds after which the robot does not move: the start of the questionnaire.
 
     Without a questionnaire, returns the end of the recording.
     """
-    starts = (time_s for time_s, name in phase_start_times(recording) if name == "questionnaire")
+    starts = (time_s for time_s, name in find_phase_start_times(recording) if name == "questionnaire")
     return next(starts, recording.duration_s)
 
 
-def control_time_range_s(recording: Recording) -> tuple[float, float]:
+def find_control_time_range_s(recording: Recording) -> tuple[float, float]:
     """Returns the start and end time of the robot's control steps in seconds.
 
-    Without control steps, returns 0 and ``robot_motion_end_s``.
+    Without control steps, returns 0 and ``find_robot_motion_end_s``.
     """
-    starts = [time_s for time_s, name in phase_start_times(recording) if name == "trial"]
+    starts = [time_s for time_s, name in find_phase_start_times(recording) if name == "trial"]
     control = recording.messages_by_topic["/control"]
     if not starts or not control:
-        return 0.0, robot_motion_end_s(recording)
+        return 0.0, find_robot_motion_end_s(recording)
     return starts[0], control[-1][0] / 1e9
 
 
-def version_text(recording: Recording) -> str:
+def format_versions(recording: Recording) -> str:
     """Returns a text with the recorded versions and the plug-ins that have changed since the recording."""
     return "; ".join(
-        [f"it was recorded with {recording.configuration.versions}", *changed_plugins(recording)]
+        [f"it was recorded with {recording.configuration.versions}", *find_changed_plugins(recording)]
     )
 
 
-def changed_plugins(recording: Recording) -> list[str]:
+def find_changed_plugins(recording: Recording) -> list[str]:
     """Returns the task and robot plug-ins that differ from the recorded ones.
 
     Controllers are omitted, because replay does not run them.
     """
     environment = recording.configuration.environment
     before = [each for each in recording.configuration.plugins if each.kind != "controller"]
-    return differences(before, plugins_of(environment) if environment in ENVIRONMENTS else ())
+    return describe_plugin_differences(
+        before, find_plugins(environment) if environment in ENVIRONMENTS else ()
+    )
 
 
 def _check_world_version(recording: Recording) -> None:
@@ -255,7 +257,7 @@ def _check_world_version(recording: Recording) -> None:
     if version != SIMULATION_VERSION:
         raise ReplayError(
             f"the recording has version {version} of the simulated world; this release simulates "
-            f"version {SIMULATION_VERSION}; install the recorded version: {version_text(recording)}"
+            f"version {SIMULATION_VERSION}; install the recorded version: {format_versions(recording)}"
         )
 
 

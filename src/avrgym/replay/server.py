@@ -8,10 +8,10 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from avrgym.recording.reader import Recording
 from avrgym.replay.timeline import Timeline, export_recorded_scene
-from avrgym.vr.server.addresses import LOOPBACK_HOSTS
 from avrgym.vr.server.authentication import SameOriginMiddleware, Tokens
 from avrgym.vr.server.connection_limits import ConnectionLimiter
-from avrgym.vr.server.request_body import json_response
+from avrgym.vr.server.network_addresses import LOOPBACK_HOSTS
+from avrgym.vr.server.request_body import make_json_response
 from avrgym.vr.server.web_server import (
     STATIC_FOLDER,
     WebServer,
@@ -29,7 +29,7 @@ def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, to
     rendered = cache(lambda: export_recorded_scene(recording))
 
     def check(request: Request) -> None:
-        if tokens.client_of_request(request.headers) is None:
+        if tokens.authenticate_request(request.headers) is None:
             raise HTTPException(
                 401,
                 "this address does not contain the replay's token; open the address from `avrgym replay`",
@@ -38,7 +38,7 @@ def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, to
     @app.get("/timeline")
     async def read_timeline(request: Request) -> Response:
         check(request)
-        return json_response(timeline)
+        return make_json_response(timeline)
 
     @app.get("/poses")
     async def read_poses(request: Request) -> Response:
@@ -67,7 +67,7 @@ class ReplayServer:
         check_client_page("replay.html")
         listener = open_listener(LOOPBACK_HOSTS[0], port)
         self.port = int(listener.getsockname()[1])
-        self.tokens = Tokens.new()
+        self.tokens = Tokens.generate()
         app = create_replay_app(recording, timeline, poses, self.tokens)
         self._web = WebServer(app, ConnectionLimiter(listener, self.tokens))
 

@@ -9,13 +9,13 @@ from avrgym.models.human import Person
 from avrgym.questionnaires.questionnaire import Item
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Answer
-from avrgym.replay.playback import ComparedState, Playback, phase_start_times, title
+from avrgym.replay.playback import ComparedState, Playback, find_phase_start_times, format_title
 from avrgym.tasks.settings import Settings
-from avrgym.vr.live_world.scene_message import poses, scene_message
+from avrgym.vr.live_world.scene_message import encode_world_poses, make_scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.scene.export_process import export_scene
-from avrgym.vr.session.trial_worlds import resting_person
+from avrgym.vr.session.trial_worlds import make_resting_person
 
 STATES_PER_FRAME = 2
 """Number of states per frame: every second state, 50 frames per second. The page interpolates between frames."""
@@ -80,13 +80,13 @@ def build_timeline(recording: Recording, progress: Callable[[], None]) -> tuple[
     playback = Playback(recording)
     frames_s, frames = _frames(playback, progress)
     timeline = Timeline(
-        title=title(recording),
+        title=format_title(recording),
         simulated=recording.configuration.simulated,
-        complete=recording.complete,
+        complete=recording.is_complete,
         result=recording.result,
         seconds=recording.duration_s,
         facts=_facts(recording),
-        scene=scene_message(0, playback.episodes, Registration(np.zeros(3), 0.0)),
+        scene=make_scene_message(0, playback.episodes, Registration(np.zeros(3), 0.0)),
         frames_s=frames_s,
         steps=_steps(recording),
         events=sorted(_timeline_events(recording), key=lambda event: event.time_s),
@@ -118,15 +118,15 @@ def _later(timeline: Timeline, by_s: float) -> Timeline:
 
 def export_recorded_scene(recording: Recording) -> bytes:
     """Returns the scene of a recording as a GLB file."""
-    return export_scene(*recorded_scene_parameters(recording))
+    return export_scene(*get_scene_parameters(recording))
 
 
-def recorded_scene_parameters(recording: Recording) -> tuple[str, Person, Settings]:
+def get_scene_parameters(recording: Recording) -> tuple[str, Person, Settings]:
     """Returns the environment id of a recording, its person in the rest pose, and its settings."""
     trial = recording.configuration
     return (
         trial.environment,
-        resting_person(trial.environment, trial.start_person, trial.settings),
+        make_resting_person(trial.environment, trial.start_person, trial.settings),
         trial.settings,
     )
 
@@ -156,7 +156,7 @@ def _frames(playback: Playback, progress: Callable[[], None]) -> tuple[list[floa
     for number, state in enumerate(states):
         if number % STATES_PER_FRAME == 0:
             times_s.append(state.time_s)
-            frames.append(poses(playback.episodes))
+            frames.append(encode_world_poses(playback.episodes))
         progress()
     return times_s, frames
 
@@ -174,7 +174,8 @@ def _steps(recording: Recording) -> StepSeries:
 
 def _timeline_events(recording: Recording) -> list[TimelineEvent]:
     entered = [
-        TimelineEvent(time_s, name, name.replace("_", " ")) for time_s, name in phase_start_times(recording)
+        TimelineEvent(time_s, name, name.replace("_", " "))
+        for time_s, name in find_phase_start_times(recording)
     ]
     events = [
         TimelineEvent(time_ns / 1e9, "event", f"{event.name.replace('_', ' ')} {event.detail}".strip())

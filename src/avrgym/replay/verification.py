@@ -13,12 +13,12 @@ import mujoco
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.geometry.elementary import c_library_fingerprint
+from avrgym.geometry.elementary import compute_c_library_fingerprint
 from avrgym.recording.configuration import Versions
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control
-from avrgym.replay.playback import ComparedState, ComparedStep, Playback, changed_plugins
-from avrgym.vr.session.attempt import versions
+from avrgym.replay.playback import ComparedState, ComparedStep, Playback, find_changed_plugins
+from avrgym.vr.session.attempt import read_package_versions
 
 _State = mujoco.mjtState
 STATE_QUANTITIES: Mapping[str, _State] = {
@@ -57,45 +57,45 @@ class Verification:
     """Result of the verification of a recording.
 
     Attributes:
-        states: number of compared states.
-        identical_states: number of states without differences.
-        steps: number of compared control steps.
-        identical_steps: number of control steps without differences.
-        until_s: time of the last compared state, in seconds from the start of the trial.
-        tick_error: largest relative difference after one tick from a recorded state.
-        complete: whether the recording contains the whole trial.
-        recorded_with: versions of AVR Gym and MuJoCo that made the recording.
-        same_versions: whether these versions are installed now.
-        same_rounding: whether the C library rounds as it did during the recording.
+        num_states: number of compared states.
+        num_identical_states: number of states without differences.
+        num_steps: number of compared control steps.
+        num_identical_steps: number of control steps without differences.
+        end_time_s: time of the last compared state, in seconds from the start of the trial.
+        max_tick_error: largest relative difference after one tick from a recorded state.
+        is_complete: whether the recording contains the whole trial.
+        recorded_versions: versions of AVR Gym and MuJoCo that made the recording.
+        has_same_versions: whether these versions are installed now.
+        has_same_rounding: whether the C library rounds as it did during the recording.
         plugin_differences: plug-ins that have changed since the recording.
         differences: the differences, one object for each quantity.
     """
 
-    states: int
-    identical_states: int
-    steps: int
-    identical_steps: int
-    until_s: float
-    tick_error: float
-    complete: bool
-    recorded_with: Versions
-    same_versions: bool
-    same_rounding: bool
+    num_states: int
+    num_identical_states: int
+    num_steps: int
+    num_identical_steps: int
+    end_time_s: float
+    max_tick_error: float
+    is_complete: bool
+    recorded_versions: Versions
+    has_same_versions: bool
+    has_same_rounding: bool
     plugin_differences: list[str]
     differences: list[QuantityDifference]
 
     @property
-    def identical(self) -> bool:
+    def is_identical(self) -> bool:
         """Whether all states and control steps are bit-identical."""
         return not self.differences
 
     @property
     def agrees_within_rounding(self) -> bool:
         """Whether different rounding of the C library can explain all differences."""
-        return self.tick_error <= MAX_ROUNDING_DIFFERENCE
+        return self.max_tick_error <= MAX_ROUNDING_DIFFERENCE
 
 
-def verify(recording: Recording, progress: Callable[[], None] = lambda: None) -> Verification:
+def verify_recording(recording: Recording, progress: Callable[[], None] = lambda: None) -> Verification:
     """Recomputes a recording from its first state. Returns a comparison of all states and control steps.
 
     Args:
@@ -118,17 +118,17 @@ def verify(recording: Recording, progress: Callable[[], None] = lambda: None) ->
             steps.append(found.compare_step(compared))
     recorded_with = recording.configuration.versions
     return Verification(
-        states=len(states),
-        identical_states=sum(states),
-        steps=len(steps),
-        identical_steps=sum(steps),
-        until_s=until_s,
-        tick_error=_tick_error(recording) if found.differences else 0.0,
-        complete=recording.complete,
-        recorded_with=recorded_with,
-        same_versions=recorded_with == versions(),
-        same_rounding=recording.configuration.c_library == c_library_fingerprint(),
-        plugin_differences=changed_plugins(recording),
+        num_states=len(states),
+        num_identical_states=sum(states),
+        num_steps=len(steps),
+        num_identical_steps=sum(steps),
+        end_time_s=until_s,
+        max_tick_error=_tick_error(recording) if found.differences else 0.0,
+        is_complete=recording.is_complete,
+        recorded_versions=recorded_with,
+        has_same_versions=recorded_with == read_package_versions(),
+        has_same_rounding=recording.configuration.c_library == compute_c_library_fingerprint(),
+        plugin_differences=find_changed_plugins(recording),
         differences=list(found.differences.values()),
     )
 
@@ -151,18 +151,18 @@ class _Differences:
 
     def compare_state(self, compared: ComparedState, model: mujoco.MjModel) -> bool:
         """Stores the differences of a state. Returns whether recorded and recomputed state are identical."""
-        if not compared.identical:
+        if not compared.is_identical:
             for name, part in STATE_QUANTITIES.items():
                 self._compare(
                     name,
                     compared.time_s,
-                    *(_part(model, s, part) for s in (compared.recorded, compared.recomputed)),
+                    *(_part(model, s, part) for s in (compared.recorded_state, compared.recomputed_state)),
                 )
-        return compared.identical
+        return compared.is_identical
 
     def compare_step(self, compared: ComparedStep) -> bool:
         """Stores the differences of a control step. Returns whether recorded and recomputed step are identical."""
-        recorded, stepped = _figures(compared.recorded), _figures(compared.recomputed)
+        recorded, stepped = _figures(compared.recorded_step), _figures(compared.recomputed_step)
         absent = np.array([np.nan])
         same = [
             self._compare(name, compared.time_s, recorded.get(name, absent), stepped.get(name, absent))

@@ -25,7 +25,7 @@ TOOL_ROTATIONS = {
 """Rotations (4,) of tools in the hand relative to a spoon, by tool."""
 
 
-def parallel_grips(
+def make_parallel_grips(
     grip_point_m: ArrayLike,
     fingertip_length_m: float,
     tool_rotation: FloatArray,

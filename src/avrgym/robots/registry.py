@@ -11,7 +11,7 @@ from avrgym.robots.stretch.robot import STRETCH
 from avrgym.robots.ur5.robot import UR5
 from avrgym.robots.validation import check_robot
 from avrgym.system import plugins
-from avrgym.system.optional_robots import INSTALL_COMMAND_BY_ROBOT, install_hint
+from avrgym.system.optional_robots import INSTALL_COMMAND_BY_ROBOT, format_install_hint
 
 _PACKAGED = (JACO, PR2, PANDA, GEN3, UR5, STRETCH)
 _robots: dict[str, Robot] = {
@@ -33,7 +33,7 @@ def register_robot(robot: Robot) -> None:
     _robots[robot.name] = robot
 
 
-SKIPPED_PLUGINS = plugins.load_plugins(plugins.ROBOT_GROUP, Robot, register_robot)
+SKIPPED_PLUGINS = plugins.load_plugins(plugins.ROBOT_ENTRY_POINT_GROUP, Robot, register_robot)
 """Plug-ins of robots that were skipped, with their error messages."""
 
 
@@ -44,5 +44,5 @@ def find_robot(name: str) -> Robot:
         ValueError: for an unknown name. The message lists the robots.
     """
     if name not in ROBOTS:
-        raise ValueError(f"unknown robot {name!r}; allowed: {', '.join(ROBOTS)}{install_hint(name)}")
+        raise ValueError(f"unknown robot {name!r}; allowed: {', '.join(ROBOTS)}{format_install_hint(name)}")
     return ROBOTS[name]

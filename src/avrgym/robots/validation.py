@@ -11,9 +11,9 @@ from avrgym.geometry import kinematics
 from avrgym.geometry.kinematics import SLIDE_JOINT_TYPE
 from avrgym.models import robot as models
 from avrgym.models.cameras import SCENE_CAMERA, WRIST_CAMERA
-from avrgym.models.robot import PERSON_LOCATIONS, SIDES, Arm, Robot
+from avrgym.models.robot import PERSON_LOCATIONS, ROBOT_ARM_SIDES, Arm, Robot
 
-HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
+HINGE_JOINT_TYPE = int(mujoco.mjtJoint.mjJNT_HINGE)
 MIN_ARM_JOINTS = 6
 """Minimum number of joints of an arm. With fewer joints, the hand cannot have any position and rotation."""
 MAX_REACH_M, MAX_JOINT_ANGLE_RAD = 2.5, 2.0 * np.pi
@@ -34,7 +34,7 @@ def check_robot(robot: Robot) -> None:
 def _check_names(robot: Robot) -> Iterator[str]:
     if not re.fullmatch("[A-Z][A-Za-z0-9]*", robot.name):
         yield "its name is not valid in an environment id; allowed: a capital letter, then letters and digits"
-    yield from _check_keys("arms", robot.arms, SIDES)
+    yield from _check_keys("arms", robot.arms, ROBOT_ARM_SIDES)
     yield from _check_keys("mounts", robot.mounts, PERSON_LOCATIONS)
     if not robot.grips:
         yield "it has no grips; allowed: at least one, by the name of the tool"
@@ -65,7 +65,7 @@ def _check_drive(robot: Robot) -> Iterator[str]:
     for name, value in asdict(robot.drive).items():
         if not (np.isfinite(value) and value > 0.0):
             yield f"{name} of its drive is {value}; allowed: above 0"
-    carried = [place for place, mount in robot.mounts.items() if not mount.on_floor]
+    carried = [place for place, mount in robot.mounts.items() if not mount.is_on_floor]
     if carried:
         yield f"it has a drive, but its mounts for {', '.join(carried)} have a carrier; allowed: mounts on the floor"
 
@@ -102,9 +102,9 @@ def _missing_names(robot: Robot, spec: mujoco.MjSpec) -> Iterator[str]:
     bodies, joints = ({thing.name for thing in things} for things in (spec.bodies, spec.joints))
     yield from _unknown("base", [robot.base], bodies)
     yield from _unknown("torso", [robot.torso], bodies)
-    yield from _unknown("fixed_joints", robot.fixed_joints, joints)
+    yield from _unknown("fixed_joint_positions", robot.fixed_joint_positions, joints)
     yield from _unknown("cameras", [mount.body for mount in robot.cameras.values()], bodies)
-    fingers = {finger for grip in robot.grips.values() for finger in grip.fingers}
+    fingers = {finger for grip in robot.grips.values() for finger in grip.finger_joint_positions}
     for side, arm in robot.arms.items():
         yield from _unknown(f"end_effector of its {side} arm", [arm.end_effector], bodies)
         yield from _unknown(f"joints of its {side} arm", arm.joints, joints)
@@ -121,12 +121,12 @@ def _unknown(field: str, names: Iterable[str], known: set[str]) -> Iterator[str]
 
 def _check_compiled(robot: Robot, side: str, arm: Arm) -> Iterator[str]:
     try:
-        model = models.compile_robot_model(models.robot_spec(robot, arm, appearance=False))
+        model = models.compile_robot_model(models.build_robot_spec(robot, arm, appearance=False))
     except ValueError as error:
         yield f"its {side} arm: {error}"
         return
     types = {name: model.joint(name).type[0] for name in arm.joints}
-    if others := [name for name, kind in types.items() if kind not in (HINGE, SLIDE_JOINT_TYPE)]:
+    if others := [name for name, kind in types.items() if kind not in (HINGE_JOINT_TYPE, SLIDE_JOINT_TYPE)]:
         yield (
             f"{', '.join(others)} of its {side} arm is neither hinge nor slide; allowed: revolute, continuous and "
             "prismatic joints"
@@ -141,7 +141,7 @@ def _check_compiled(robot: Robot, side: str, arm: Arm) -> Iterator[str]:
 
 
 def _ways(side: str, arm: Arm, way: kinematics.Chain) -> Iterator[str]:
-    if (reach_m := kinematics.reach_m(way)) > MAX_REACH_M:
+    if (reach_m := kinematics.compute_max_reach_m(way)) > MAX_REACH_M:
         yield f"the reach of its {side} arm is {reach_m:.2f} m; allowed: at most {MAX_REACH_M} m"
     turns = np.maximum(np.abs(way.lower_limit), np.abs(way.upper_limit))
     for number, (joint, turn) in enumerate(zip(arm.joints, turns, strict=True)):

@@ -5,7 +5,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from avrgym.models.drive import DRIVE_JOINTS, MOTOR_ACTUATOR_GROUP
-from avrgym.models.robot import PREFIX
+from avrgym.models.robot import ROBOT_NAME_PREFIX
 from avrgym.models.scene import SceneConfig
 
 BRAKE_TORQUE_FACTOR = 30.0
@@ -22,7 +22,7 @@ class Brakes:
     def __init__(self, batch: Batch, scene: SceneConfig) -> None:
         model, arm, drive = batch.get_model(0), scene.arm, scene.robot.drive
         joints = (*arm.joints, *(DRIVE_JOINTS if drive is not None else ()))
-        self._dofs = np.array([model.joint(PREFIX + joint).dofadr[0] for joint in joints])
+        self._dofs = np.array([model.joint(ROBOT_NAME_PREFIX + joint).dofadr[0] for joint in joints])
         limits = np.concatenate([arm.effort_limit, drive.effort_limit if drive is not None else ()])
         self._effort = BRAKE_TORQUE_FACTOR * limits
         self._default_solver = int(model.opt.solver), float(model.opt.tolerance)

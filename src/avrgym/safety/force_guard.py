@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.commands.preferences import DEFAULT_FORCE_SHARE
+from avrgym.commands.preferences import DEFAULT_FORCE_LIMIT_FRACTION
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.safety.approach_speed import ApproachSpeedMonitor
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.safety.per_world_state import PerWorldState
 from avrgym.simulation.worlds import Simulation
 
-INTERVENTION_FORCE_SHARE = DEFAULT_FORCE_SHARE
+INTERVENTION_FORCE_LIMIT_FRACTION = DEFAULT_FORCE_LIMIT_FRACTION
 """The arm retracts if a force exceeds this share of a region's quasi-static limit. The speed limits allow impact forces
 up to the same share.
 """
-RELEASE_FORCE_SHARE = 0.25
+RELEASE_FORCE_LIMIT_FRACTION = 0.25
 """The arm stops retracting when forces on all regions are below this share. The hysteresis prevents chattering."""
 WAYPOINT_SPACING_RAD = 0.01
 """Joint motion since the latest waypoint after which a new waypoint of the retraction path is stored."""
@@ -48,15 +48,15 @@ class ForceGuard(PerWorldState):
         "_path", "_path_end", "_path_start",
     )  # fmt: skip
 
-    def __init__(self, simulation: Simulation, share: float = INTERVENTION_FORCE_SHARE) -> None:
+    def __init__(self, simulation: Simulation, share: float = INTERVENTION_FORCE_LIMIT_FRACTION) -> None:
         """Guard the arms of a simulation that measures forces by region (``by_region``).
 
         The arm retracts if a force exceeds ``share`` times the quasi-static limit. The maximum of ``share`` is
-        ``INTERVENTION_FORCE_SHARE``.
+        ``INTERVENTION_FORCE_LIMIT_FRACTION``.
         """
-        self._simulation, self._share = simulation, min(share, INTERVENTION_FORCE_SHARE)
+        self._simulation, self._share = simulation, min(share, INTERVENTION_FORCE_LIMIT_FRACTION)
         self._approach = ApproachSpeedMonitor(simulation, self._share * QUASI_STATIC_LIMIT_N)
-        configuration = simulation.configuration()
+        configuration = simulation.get_configuration()
         worlds = len(configuration)
         self.executed_action = np.zeros((worlds, len(simulation.scene.action_names)))
         self.retracting_mask, self.stopped_mask, self._pressed = (
@@ -71,7 +71,7 @@ class ForceGuard(PerWorldState):
         """Start episodes in worlds ``ids`` (n,) from their current physical state."""
         self._approach.reset(ids)
         self._clear(ids)
-        self._path[ids] = self._simulation.configuration()[ids, None]
+        self._path[ids] = self._simulation.get_configuration()[ids, None]
         self._path_end[ids] = 1
 
     @property
@@ -122,12 +122,12 @@ class ForceGuard(PerWorldState):
     def _decide(self) -> FloatArray:
         """Returns the actions (N, A) for the next physics step. Called once per step."""
         was_retracting, was_overriding = self.retracting_mask, self.override_mask
-        self._force_n = self._simulation.region_force_n()
+        self._force_n = self._simulation.compute_region_force_n()
         most = (self._force_n / QUASI_STATIC_LIMIT_N).max(axis=-1)
-        released = RELEASE_FORCE_SHARE * self._share / INTERVENTION_FORCE_SHARE
+        released = RELEASE_FORCE_LIMIT_FRACTION * self._share / INTERVENTION_FORCE_LIMIT_FRACTION
         self._pressed = (most > self._share) | (self._pressed & (most >= released))
-        self.retracting_mask = self._pressed | self._approach.person_too_fast
-        self.stopped_mask = self._approach.closing_too_fast & ~self.retracting_mask
+        self.retracting_mask = self._pressed | self._approach.person_too_fast_mask
+        self.stopped_mask = self._approach.closing_too_fast_mask & ~self.retracting_mask
         begins = (self.retracting_mask & ~was_retracting) | (self.override_mask & ~was_overriding)
         self.num_interventions = self.num_interventions + begins
         self._store_waypoints()
@@ -141,10 +141,10 @@ class ForceGuard(PerWorldState):
 
     def _store_waypoints(self) -> None:
         """Stores a waypoint for each robot that does not retract and is not near its latest waypoint."""
-        now = self._simulation.configuration()
+        now = self._simulation.get_configuration()
         rows = np.arange(len(now))
         latest = self._path[rows, (self._path_end - 1) % MAX_WAYPOINTS]
-        distance = np.abs((now - latest) / self._simulation.configuration_units).max(axis=-1)
+        distance = np.abs((now - latest) / self._simulation.configuration_scales).max(axis=-1)
         moved = ~self.retracting_mask & (distance >= WAYPOINT_SPACING_RAD)
         self._path[rows[moved], self._path_end[moved] % MAX_WAYPOINTS] = now[moved]
         self._path_end = self._path_end + moved
@@ -153,7 +153,7 @@ class ForceGuard(PerWorldState):
     def _retract(self) -> FloatArray:
         """Returns actions (N, A) to the latest waypoint, at the joints' speed limits. Deletes reached waypoints."""
         waypoint = self._path[np.arange(len(self._path_end)), (self._path_end - 1) % MAX_WAYPOINTS]
-        steps = self._simulation.action_to_configuration(waypoint, PHYSICS_STEP_S)
+        steps = self._simulation.compute_action_to_configuration(waypoint, PHYSICS_STEP_S)
         most = np.abs(steps).max(axis=-1)
         reached = self.retracting_mask & (most <= 1.0) & (self._path_end - 1 > self._path_start)
         self._path_end = self._path_end - reached

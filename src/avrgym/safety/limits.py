@@ -6,12 +6,12 @@ care are much lower: a spoon touches lips with 1 to 3 N. The values are from pub
 because its text is not freely available.
 
 A clamped region must stay below the *quasi-static* limit. If a region can move away, the force may reach the
-*transient* limit for ``MAX_TRANSIENT_S``. This limit is the quasi-static limit times ``transient_factor``. The standard
-allows no transient contact with skull and face. Here, the transient limit of these regions equals their quasi-static
-limit.
+*transient* limit for ``MAX_TRANSIENT_DURATION_S``. This limit is the quasi-static limit times ``transient_factor``.
+The standard allows no transient contact with skull and face. Here, the transient limit of these regions equals their
+quasi-static limit.
 
 The maximum contact speed follows from the force: body and arm are two masses with a spring between them. The region has
-an *effective mass* and a *spring constant* (table A.3); see ``max_impact_speed_m_s``. Simulated contacts have a
+an *effective mass* and a *spring constant* (table A.3); see ``compute_max_impact_speed_m_s``. Simulated contacts have a
 different compliance, see ``models.compliance``.
 
 Bodies consist of capsules. A capsule that covers two regions, such as chest and back, has the lower limit of both. The
@@ -26,7 +26,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 
-MAX_TRANSIENT_S = 0.5
+MAX_TRANSIENT_DURATION_S = 0.5
 """Maximum duration of a transient force above the quasi-static limit."""
 
 
@@ -78,7 +78,7 @@ TRANSIENT_LIMIT_N: FloatArray = np.array([region.transient_limit_n for region in
 """Transient force limits (R,), newtons."""
 
 
-def max_impact_speed_m_s(force_n: FloatArray, arm_mass_kg: float) -> FloatArray:
+def compute_max_impact_speed_m_s(force_n: FloatArray, arm_mass_kg: float) -> FloatArray:
     """Returns the contact speeds (R,) at which an impact causes the forces (R,) on the body regions.
 
     ISO/TS 15066:2016, A.3.4: the spring stores the kinetic energy of the two masses. The speed is F / √(k μ), with

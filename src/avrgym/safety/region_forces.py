@@ -11,7 +11,7 @@ from avrgym.geometry.transforms import norm
 from avrgym.models.scene import PHYSICS_STEP_S, SceneConfig, add_geom_force_sensor
 from avrgym.safety.limits import (
     BODY_REGIONS,
-    MAX_TRANSIENT_S,
+    MAX_TRANSIENT_DURATION_S,
     QUASI_STATIC_LIMIT_N,
     REGION_INDEX_OF_GEOM,
     TRANSIENT_LIMIT_N,
@@ -66,31 +66,33 @@ class RegionLoads:
     """Contact forces on the body regions of n people in one episode each. All arrays are (n, R).
 
     Attributes:
-        mean_n: mean force over all physics steps, newtons.
-        peak_n: maximum force over all physics steps, newtons.
-        contact_share: share of physics steps with a force.
-        longest_overload_s: longest continuous time above the quasi-static limit.
+        mean_force_n: mean force over all physics steps, newtons.
+        peak_force_n: maximum force over all physics steps, newtons.
+        contact_time_fraction: share of physics steps with a force.
+        max_overload_duration_s: longest continuous time above the quasi-static limit.
     """
 
-    mean_n: FloatArray
-    peak_n: FloatArray
-    contact_share: FloatArray
-    longest_overload_s: FloatArray
+    mean_force_n: FloatArray
+    peak_force_n: FloatArray
+    contact_time_fraction: FloatArray
+    max_overload_duration_s: FloatArray
 
     @property
-    def over_quasi_static(self) -> BoolArray:
-        """Boolean mask (n, R): a force was above the quasi-static limit for longer than ``MAX_TRANSIENT_S``."""
-        return self.longest_overload_s > MAX_TRANSIENT_S
+    def over_quasi_static_limit_mask(self) -> BoolArray:
+        """Boolean mask (n, R): a force was above the quasi-static limit for longer than
+        ``MAX_TRANSIENT_DURATION_S``.
+        """
+        return self.max_overload_duration_s > MAX_TRANSIENT_DURATION_S
 
     @property
-    def over_transient(self) -> BoolArray:
+    def over_transient_limit_mask(self) -> BoolArray:
         """Boolean mask (n, R): a force was above the transient limit in any physics step."""
-        return self.peak_n > TRANSIENT_LIMIT_N
+        return self.peak_force_n > TRANSIENT_LIMIT_N
 
     @property
-    def over_limit(self) -> BoolArray:
+    def over_limit_mask(self) -> BoolArray:
         """Boolean mask (n, R): a force exceeded either limit."""
-        return self.over_quasi_static | self.over_transient
+        return self.over_quasi_static_limit_mask | self.over_transient_limit_mask
 
     @classmethod
     def concatenate(cls, parts: Sequence["RegionLoads"]) -> "RegionLoads":
@@ -123,18 +125,18 @@ class RegionStatistics:
     exceedances: int
 
 
-def region_statistics(loads: RegionLoads) -> dict[str, RegionStatistics]:
+def compute_region_statistics(loads: RegionLoads) -> dict[str, RegionStatistics]:
     """Returns the statistics of every region, by region name."""
     return {
         region.name: RegionStatistics(
-            mean_n=float(loads.mean_n[:, index].mean()),
-            peak_n=float(loads.peak_n[:, index].max()),
-            contact_share=float(loads.contact_share[:, index].mean()),
+            mean_n=float(loads.mean_force_n[:, index].mean()),
+            peak_n=float(loads.peak_force_n[:, index].max()),
+            contact_share=float(loads.contact_time_fraction[:, index].mean()),
             quasi_static_limit_n=region.quasi_static_limit_n,
             transient_limit_n=region.transient_limit_n,
-            over_quasi_static=int(loads.over_quasi_static[:, index].sum()),
-            over_transient=int(loads.over_transient[:, index].sum()),
-            exceedances=int(loads.over_limit[:, index].sum()),
+            over_quasi_static=int(loads.over_quasi_static_limit_mask[:, index].sum()),
+            over_transient=int(loads.over_transient_limit_mask[:, index].sum()),
+            exceedances=int(loads.over_limit_mask[:, index].sum()),
         )
         for index, region in enumerate(BODY_REGIONS)
     }
@@ -151,7 +153,7 @@ class RegionLoadRecorder:
             np.zeros(shape, dtype=int) for _ in range(3)
         )
 
-    def add(self, force_n: FloatArray) -> None:
+    def add_forces(self, force_n: FloatArray) -> None:
         """Add the forces (N, R) of one physics step, in newtons."""
         self._steps += 1
         self._sum_n += force_n
@@ -160,12 +162,12 @@ class RegionLoadRecorder:
         self._over_limit_steps = np.where(force_n > QUASI_STATIC_LIMIT_N, self._over_limit_steps + 1, 0)
         self._longest_steps = np.maximum(self._longest_steps, self._over_limit_steps)
 
-    def loads(self) -> RegionLoads:
+    def compute_loads(self) -> RegionLoads:
         """Returns the loads (N, R) of the body regions over all physics steps until now."""
         steps = max(1, self._steps)
         return RegionLoads(
-            mean_n=self._sum_n / steps,
-            peak_n=self._peak_n,
-            contact_share=self._contact_steps / steps,
-            longest_overload_s=self._longest_steps * PHYSICS_STEP_S,
+            mean_force_n=self._sum_n / steps,
+            peak_force_n=self._peak_n,
+            contact_time_fraction=self._contact_steps / steps,
+            max_overload_duration_s=self._longest_steps * PHYSICS_STEP_S,
         )

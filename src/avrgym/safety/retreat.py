@@ -25,7 +25,7 @@ FINAL_MOUTH_DISTANCE_M = 0.32
 FINAL_PERSON_DISTANCE_M = 0.10
 """Distance of tool and hand from the person at the end of the retreat."""
 MAX_RETREAT_DURATION_S = 6.0
-"""Maximum duration of a retreat. Afterwards, ``Retreat.next_action`` returns ``None``."""
+"""Maximum duration of a retreat. Afterwards, ``Retreat.compute_next_action`` returns ``None``."""
 MIN_GAP_M = 0.01
 """Gap between arm and person at which the allowed closing speed is zero."""
 MAX_CONSIDERED_GAP_M = 0.15
@@ -57,7 +57,7 @@ class SmallGaps(NamedTuple):
 
 
 class Retreat:
-    """Retreat controller of the arm in one world. The retreat starts with the first call of ``next_action``."""
+    """Retreat controller of the arm in one world. The retreat starts with the first call of ``compute_next_action``."""
 
     def __init__(
         self,
@@ -84,29 +84,32 @@ class Retreat:
         self._drives = simulation.scene.robot.drive is not None
         self._model = model = copy(simulation.batch.get_model(world))
         self._data = mujoco.MjData(model)
-        joints = [model.joint(robot.PREFIX + name) for name in simulation.scene.arm.joints]
+        joints = [model.joint(robot.ROBOT_NAME_PREFIX + name) for name in simulation.scene.arm.joints]
         self._dofs = np.array([joint.dofadr[0] for joint in joints])
         self._drive_dofs = np.array(
-            [model.joint(robot.PREFIX + name).dofadr[0] for name in DRIVE_JOINTS if self._drives], dtype=int
+            [model.joint(robot.ROBOT_NAME_PREFIX + name).dofadr[0] for name in DRIVE_JOINTS if self._drives],
+            dtype=int,
         )
         limited = np.array([model.jnt_limited[joint.id] for joint in joints], bool)
         self._range = np.where(limited[:, None], [joint.range for joint in joints], [-np.inf, np.inf])
         self._speed_limit = simulation.scene.speed_limit
         scene = simulation.scene
-        first = model.joint(robot.PREFIX + scene.robot.first_moving_joint(scene.arm))
+        first = model.joint(robot.ROBOT_NAME_PREFIX + scene.robot.get_first_moving_joint(scene.arm))
         self._links, self._hand = (_moved_by(model, joint.id) for joint in (first, joints[-1]))
-        geoms = [model.geom(human.PREFIX + name).id for name in human.GEOMS]
+        geoms = [model.geom(human.PERSON_NAME_PREFIX + name).id for name in human.GEOMS]
         self._person = {geom for geom in geoms if model.geom_contype[geom]}  # an absent arm makes no contact
         self._obstacles = [*self._person, *np.flatnonzero(model.geom_contype == FURNITURE.contype).tolist()]
         self._tool = model.body(SCENE_TOOL_BODY).id
-        self._head, self._mouth = (model.site(human.PREFIX + name).id for name in ("head_centre", "mouth"))
+        self._head, self._mouth = (
+            model.site(human.PERSON_NAME_PREFIX + name).id for name in ("head_centre", "mouth")
+        )
         self._steps, self._step_s = steps, step_s
 
     def restart(self) -> None:
         """Start another retreat from the current state: reset the number of steps."""
         self._steps = 0
 
-    def next_action(self) -> FloatArray | None:
+    def compute_next_action(self) -> FloatArray | None:
         """Returns the action (A,) for the next step. Returns ``None`` if the retreat is complete, or after
         ``MAX_RETREAT_DURATION_S``."""
         near = self._measure()
@@ -115,16 +118,16 @@ class Retreat:
         self._steps += 1
         return self._speeds(self._desired_velocity_w(near), near) / self._speed_limit
 
-    def action_for_velocity(self, velocity_w: FloatArray) -> FloatArray:
+    def compute_action_for_velocity(self, velocity_w: FloatArray) -> FloatArray:
         """Returns the action (A,) that moves the tool with a velocity (3,) and without rotation.
 
-        As in ``next_action``, every link stays away from the person.
+        As in ``compute_next_action``, every link stays away from the person.
         """
         return self._speeds(velocity_w, self._measure()) / self._speed_limit
 
     def _measure(self) -> SmallGaps:
         """Copies the current state of the world, and returns its small gaps."""
-        self._data.qpos[:] = self._simulation.qpos(self._world)
+        self._data.qpos[:] = self._simulation.get_qpos(self._world)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         return self._near()
@@ -154,7 +157,7 @@ class Retreat:
         """
         jacobian = self._jacobian(self._tool, self._data.xpos[self._tool])
         jacobian[3:] *= CHARACTERISTIC_LENGTH_M
-        positions = self._simulation.joint_positions()[self._world]
+        positions = self._simulation.get_joint_positions()[self._world]
         joints = np.eye(len(self._dofs), len(self._speed_limit))
         down, up = positions - self._range[:, 0], self._range[:, 1] - positions
         rows = np.concatenate([near.gap_jacobian, joints, -joints])
@@ -194,7 +197,7 @@ class Retreat:
         if not self._drives:
             return jacobian[:, self._dofs]
         x, y, turn = jacobian[:, self._drive_dofs].T
-        yaw = self._simulation.base_displacement()[self._world, 2]
+        yaw = self._simulation.get_base_displacement()[self._world, 2]
         return np.column_stack([jacobian[:, self._dofs], np.cos(yaw) * x + np.sin(yaw) * y, turn])
 
 

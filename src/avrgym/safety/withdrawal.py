@@ -84,7 +84,7 @@ class Withdrawal(PerWorldState):
 
     def _action(self, world: int) -> FloatArray | float:
         """Returns the action (A,) of a world's robot; zero if its tool is far enough away."""
-        action = self._retreat(world).next_action()
+        action = self._retreat(world).compute_next_action()
         if action is None:
             self._away[world] = True
             self._retreats.pop(world)

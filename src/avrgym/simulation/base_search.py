@@ -19,9 +19,9 @@ from avrgym.models.robot import BaseRange
 
 NUM_CANDIDATES = 100
 """Number of candidate base poses for each world."""
-NUM_UNIFORMS = 3 * NUM_CANDIDATES
+NUM_RANDOM_NUMBERS = 3 * NUM_CANDIDATES
 """Number of uniform random numbers for the candidates of one world: x, y and yaw of each candidate."""
-GOAL_ACCURACY_M, GOAL_ACCURACY_RAD = 0.03, np.radians(15.0)
+MAX_GOAL_ERROR_M, MAX_GOAL_ERROR_RAD = 0.03, np.radians(15.0)
 """Maximum errors of position (as in Assistive Gym) and rotation for a reached goal."""
 START_IK_ITERATIONS, START_IK_TOLERANCE_M = 15, 0.003
 """Maximum number of iterations, and tolerance, of the inverse kinematics for the start pose."""
@@ -45,13 +45,13 @@ class CandidateScores:
     """Scores of C candidates in n worlds. All arrays are (n, C).
 
     Attributes:
-        start_reached: whether the arm reaches the start pose within 5 mm and 0.05 rad.
+        is_start_reached: whether the arm reaches the start pose within 5 mm and 0.05 rad.
         start_error_m: residual position error plus rotation error in the start pose; 1 rad is weighted as 0.3 m.
         num_goals_reached: number of goals that the arm reaches from the start pose.
         isotropy_sum: sum of the kinematic isotropy over all reached poses; 0 if the start pose is not reached.
     """
 
-    start_reached: BoolArray
+    is_start_reached: BoolArray
     start_error_m: FloatArray
     num_goals_reached: IntArray
     isotropy_sum: FloatArray
@@ -65,15 +65,15 @@ class BaseSearchResult:
         candidate_index: index (n,) of the candidate.
         base_poses: poses (n,) of the base.
         joint_positions: joint positions (n, J) in the start pose.
-        start_reached: whether (n,) the arm reaches the start pose within 5 mm and 0.05 rad. If no candidate of a world
-            reaches it, the best candidate is the one with the smallest error.
+        is_start_reached: whether (n,) the arm reaches the start pose within 5 mm and 0.05 rad. If no candidate of a
+            world reaches it, the best candidate is the one with the smallest error.
         scores: scores (n, C) of all candidates.
     """
 
     candidate_index: IntArray
     base_poses: BasePoses
     joint_positions: FloatArray
-    start_reached: BoolArray
+    is_start_reached: BoolArray
     scores: CandidateScores
 
 
@@ -144,7 +144,7 @@ def search_base_pose(
         candidate_index=index,
         base_poses=_rows(bases, best),
         joint_positions=kinematics.wrap_angles(chain, arm.joint_positions),
-        start_reached=kinematics.is_accurate(arm),
+        is_start_reached=kinematics.is_accurate(arm),
         scores=CandidateScores(
             **{name: score.reshape(count, per_world) for name, score in vars(scores).items()}
         ),
@@ -160,7 +160,7 @@ def _solve_starts(
     """
     seeds = np.tile(seed_pose, (len(pos), 1))
     arms = _solve_within_reach(chain, pos, q, seeds, START_IK_ITERATIONS, START_IK_TOLERANCE_M)
-    spread = kinematics.MAX_RESTART_OFFSET_RAD * chain.joint_units
+    spread = kinematics.MAX_RESTART_OFFSET_RAD * chain.joint_scales
     around = seed_pose + spread * _evenly_spread(NUM_IK_RESTARTS * per_world, len(seed_pose))
     for starts in around.reshape(NUM_IK_RESTARTS, per_world, -1):
         reached = kinematics.is_accurate(arms).reshape(-1, per_world)
@@ -205,7 +205,7 @@ def _score(
         chain, _rows(bases, goals), arms.joint_positions[goals], goal_pos_w[world[goals], number], goal_q
     )
     goals_reached[rows] = arrived.reshape(shape).sum(axis=0)
-    isotropy[rows] = kinematics.isotropy(chain, arms.joint_positions[rows])
+    isotropy[rows] = kinematics.compute_isotropy(chain, arms.joint_positions[rows])
     for each in freedom.reshape(shape):
         isotropy[rows] += each
     error = arms.position_error_m + METRES_PER_RADIAN * arms.rotation_error_rad
@@ -224,9 +224,9 @@ def _arrive(
     pos = _point_from(bases, goal_pos_w)
     q = None if goal_q_w is None else _rotation_from(bases, goal_q_w)
     arms = _solve_within_reach(chain, pos, q, joint_positions, GOAL_IK_ITERATIONS, GOAL_IK_TOLERANCE_M)
-    arrived = (arms.position_error_m < GOAL_ACCURACY_M) & (arms.rotation_error_rad < GOAL_ACCURACY_RAD)
+    arrived = (arms.position_error_m < MAX_GOAL_ERROR_M) & (arms.rotation_error_rad < MAX_GOAL_ERROR_RAD)
     isotropy = np.zeros(len(pos))
-    isotropy[arrived] = kinematics.isotropy(chain, arms.joint_positions[arrived])
+    isotropy[arrived] = kinematics.compute_isotropy(chain, arms.joint_positions[arrived])
     return arrived, isotropy
 
 
@@ -236,7 +236,7 @@ def _merit(scores: CandidateScores, goals: int) -> FloatArray:
     One more reached goal always increases the score more than the isotropies, because each isotropy is at most 1.
     """
     merit = scores.num_goals_reached * (goals + 2.0) + scores.isotropy_sum
-    return np.where(scores.start_reached, merit, -scores.start_error_m)
+    return np.where(scores.is_start_reached, merit, -scores.start_error_m)
 
 
 def _solve_within_reach(
@@ -251,7 +251,7 @@ def _solve_within_reach(
 
     For poses out of reach, the position error is the distance beyond the reach, and the rotation error is π.
     """
-    beyond_m = norm(pos - chain.body_pos[0]) - kinematics.reach_m(chain)
+    beyond_m = norm(pos - chain.body_pos[0]) - kinematics.compute_max_reach_m(chain)
     rows = np.nonzero(beyond_m <= 0.0)[0]
     found = kinematics.inverse_kinematics(
         chain, pos[rows], None if q is None else q[rows], start[rows],

@@ -29,30 +29,36 @@ class ModelAddresses:
     """Indices of joints, actuators, sensors, bodies and geoms in one model."""
 
     def __init__(self, model: mujoco.MjModel, scene: SceneConfig) -> None:
-        arm = [robot.PREFIX + joint for joint in scene.arm.joints]
+        arm = [robot.ROBOT_NAME_PREFIX + joint for joint in scene.arm.joints]
         self.arm_qpos = _qpos(model, arm)
-        self.arm_ctrl = actuator_ids(model, arm)
+        self.arm_ctrl = find_actuator_ids(model, arm)
         self.arm_act = np.array([model.actuator(name).actadr[0] for name in arm])
         self.mimic_joints = _followers(model)
         drives = scene.robot.drive is not None
-        self.drive_qpos = _qpos(model, [robot.PREFIX + joint for joint in DRIVE_JOINTS if drives])
-        self.drive_ctrl = actuator_ids(model, [robot.PREFIX + servo for servo in DRIVE_SERVOS if drives])
-        self.robot_base = model.body(robot.PREFIX + scene.robot.base).id
-        self.robot_torso = model.body(robot.PREFIX + scene.robot.torso).id
+        self.drive_qpos = _qpos(model, [robot.ROBOT_NAME_PREFIX + joint for joint in DRIVE_JOINTS if drives])
+        self.drive_ctrl = find_actuator_ids(
+            model, [robot.ROBOT_NAME_PREFIX + servo for servo in DRIVE_SERVOS if drives]
+        )
+        self.robot_base = model.body(robot.ROBOT_NAME_PREFIX + scene.robot.base).id
+        self.robot_torso = model.body(robot.ROBOT_NAME_PREFIX + scene.robot.torso).id
         self.tool = model.body(SCENE_TOOL_BODY).id
-        self.pad = model.body(robot.PREFIX + scene.tool.contact_body).id
-        self.head = model.body(human.PREFIX + "head").id
-        self.hips = model.body(human.PREFIX + "hips").id
+        self.pad = model.body(robot.ROBOT_NAME_PREFIX + scene.tool.contact_body).id
+        self.head = model.body(human.PERSON_NAME_PREFIX + "head").id
+        self.hips = model.body(human.PERSON_NAME_PREFIX + "hips").id
         self.right_arm, self.left_arm = (
-            np.array([model.body(human.PREFIX + name).id for name in arm])
+            np.array([model.body(human.PERSON_NAME_PREFIX + name).id for name in arm])
             for arm in (human.RIGHT_ARM_BODIES, human.LEFT_ARM_BODIES)
         )
         self.movable_bodies = {name: model.body(name).id for name in scene.movable_bodies}
-        self.head_centre = model.site(human.PREFIX + "head_centre").id
-        self.mouth = model.site(human.PREFIX + "mouth").id
-        self.person_geoms = np.array([model.geom(human.PREFIX + name).id for name in human.GEOMS])
-        driven = [human.PREFIX + name for name in human.JOINTS if model.nu > len(arm) + len(self.drive_ctrl)]
-        self.person_qpos, self.person_ctrl = _qpos(model, driven), actuator_ids(model, driven)
+        self.head_centre = model.site(human.PERSON_NAME_PREFIX + "head_centre").id
+        self.mouth = model.site(human.PERSON_NAME_PREFIX + "mouth").id
+        self.person_geoms = np.array([model.geom(human.PERSON_NAME_PREFIX + name).id for name in human.GEOMS])
+        driven = [
+            human.PERSON_NAME_PREFIX + name
+            for name in human.JOINTS
+            if model.nu > len(arm) + len(self.drive_ctrl)
+        ]
+        self.person_qpos, self.person_ctrl = _qpos(model, driven), find_actuator_ids(model, driven)
         self.person_act = np.array([model.actuator(name).actadr[0] for name in driven], dtype=np.intp)
         particles = scene.tool.particles.bodies if scene.tool.particles else ()
         cloth = scene.tool.cloth.bodies if scene.tool.cloth else ()
@@ -64,9 +70,9 @@ class ModelAddresses:
         self.tool_force = _sensor(model, TOOL_FORCE_SENSOR)
         self.robot_contacts = _sensor(model, ROBOT_CONTACT_SENSOR)
         self.tool_contacts = _sensor(model, TOOL_CONTACT_SENSOR)
-        self.any_force = _sensor(model, PERSON_FORCE_SENSOR) if cloth else slice(0)
-        self.any_contacts = _sensor(model, PERSON_CONTACT_SENSOR) if cloth else slice(0)
-        self.effector_velocity = _sensor(model, END_EFFECTOR_VELOCITY_SENSOR)
+        self.person_force = _sensor(model, PERSON_FORCE_SENSOR) if cloth else slice(0)
+        self.person_contacts = _sensor(model, PERSON_CONTACT_SENSOR) if cloth else slice(0)
+        self.end_effector_velocity = _sensor(model, END_EFFECTOR_VELOCITY_SENSOR)
         self.tool_velocity = _sensor(model, TOOL_VELOCITY_SENSOR)
 
     def to_device_of(self, array: Any) -> "ModelAddresses":
@@ -113,7 +119,7 @@ def _slides_qpos(model: mujoco.MjModel, bodies: Sequence[str]) -> IntArray:
     return _qpos(model, joints).reshape(-1, 3)
 
 
-def actuator_ids(model: mujoco.MjModel, names: Sequence[str]) -> IntArray:
+def find_actuator_ids(model: mujoco.MjModel, names: Sequence[str]) -> IntArray:
     """Returns the ids (n,) of the actuators of a model with these names, in the same order."""
     return np.array([model.actuator(name).id for name in names], dtype=np.intp)
 

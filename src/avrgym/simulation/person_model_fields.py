@@ -11,7 +11,7 @@ from avrgym.models import compliance, human
 from avrgym.models.body_names import Side
 from avrgym.models.human import ARM_BODIES, People, Person
 from avrgym.models.scene import SceneConfig
-from avrgym.simulation.model_addresses import actuator_ids
+from avrgym.simulation.model_addresses import find_actuator_ids
 
 
 class PersonModelFields:
@@ -22,26 +22,30 @@ class PersonModelFields:
         self._posture, self._moving = scene.posture, moving
         self._batch, self._contact_types, self._has_absent_arms = batch, model.geom_contype.copy(), False
         self._body_mass_kg = scene.body_mass_kg
-        self._bodies = {name: model.body(human.PREFIX + name).id for name in human.BODIES}
-        self._geoms = {name: model.geom(human.PREFIX + name).id for name in human.GEOMS}
-        self._sites = {name: model.site(human.PREFIX + name).id for name in human.SITE_BODIES}
+        self._bodies = {name: model.body(human.PERSON_NAME_PREFIX + name).id for name in human.BODIES}
+        self._geoms = {name: model.geom(human.PERSON_NAME_PREFIX + name).id for name in human.GEOMS}
+        self._sites = {name: model.site(human.PERSON_NAME_PREFIX + name).id for name in human.SITE_BODIES}
         self._body_pos, self._body_quat = batch.expand("body_pos"), batch.expand("body_quat")
         self._geom_pos, self.geom_size = batch.expand("geom_pos"), batch.expand("geom_size")
         self._site_pos = batch.expand("site_pos")
         self._ids = np.array([*self._bodies.values()])
         self._inverse_mass = batch.expand("body_invweight0")
-        self._mass_share = human.body_mass_shares()
+        self._mass_share = human.compute_body_mass_fractions()
         self._mass = batch.expand("body_mass")
         if moving:
             self._inertia = {name: batch.expand(name) for name in INERTIAL_FIELDS}
-            self._actuators = actuator_ids(model, [human.PREFIX + name for name in human.JOINTS])
+            self._actuators = find_actuator_ids(
+                model, [human.PERSON_NAME_PREFIX + name for name in human.JOINTS]
+            )
             self._force_range = batch.expand("actuator_forcerange")
             self._damping = batch.expand("dof_damping")
-            self._dofs = model.jnt_dofadr[[model.joint(human.PREFIX + name).id for name in human.JOINTS]]
+            self._dofs = model.jnt_dofadr[
+                [model.joint(human.PERSON_NAME_PREFIX + name).id for name in human.JOINTS]
+            ]
 
     def write(self, ids: IntArray, people: People) -> None:
         """Write the model fields of ``people`` (n,) into the models of worlds ``ids`` (n,)."""
-        layout = human.body_layout_of_people(people, self._posture)
+        layout = human.compute_people_layout(people, self._posture)
         for name, body in self._bodies.items():
             self._body_pos[ids, body] = layout.body_pos[name]
         for name, geom in self._geoms.items():
@@ -50,12 +54,12 @@ class PersonModelFields:
         for name, site in self._sites.items():
             self._site_pos[ids, site] = layout.site_pos[name]
         if self._moving:
-            self._write_dynamics(ids, people, np.asarray(layout.proportions.mass))
+            self._write_dynamics(ids, people, np.asarray(layout.dimensions.mass_kg))
         else:
-            rotations = human.body_rotations(people.joint_angles_rad, self._posture)
+            rotations = human.compute_body_rotations(people.joint_angles_rad, self._posture)
             for name, body in self._bodies.items():
                 self._body_quat[ids, body] = rotations[name]
-            kg = np.asarray(layout.proportions.mass)
+            kg = np.asarray(layout.dimensions.mass_kg)
             if self._body_mass_kg is not None:
                 kg = np.full(len(ids), self._body_mass_kg)
             self._mass[np.ix_(ids, self._ids)] = kg[:, None] * self._mass_share
@@ -76,7 +80,7 @@ class PersonModelFields:
 
     def _write_dynamics(self, ids: IntArray, people: People, kg: FloatArray) -> None:
         for row, world in enumerate(ids):
-            person = people.person_at(row)
+            person = people.get_person(row)
             inertia = _inertia(
                 person.sex, person.torso_height_m, person.arm_scale, person.stature_m, person.bmi_kg_m2
             )
@@ -85,10 +89,10 @@ class PersonModelFields:
             if self._body_mass_kg is not None:
                 for name in ("body_mass", "body_inertia"):
                     self._inertia[name][world, self._ids] *= self._body_mass_kg / kg[row]
-        torque = compliance.person_torque_limit_n_m(
+        torque = compliance.compute_person_torque_limits_n_m(
             people.strength_share.reshape(len(ids), -1) * human.JOINT_TORQUE_LIMITS_N_M, people.tremor_rad
         )
-        limits = np.stack([-torque, torque], axis=-1) * people.torque_share
+        limits = np.stack([-torque, torque], axis=-1) * people.torque_fraction
         self._force_range[ids[:, None], self._actuators] = limits
         self._damping[ids[:, None], self._dofs] = people.damping_n_m_s
 
@@ -103,6 +107,6 @@ def _inertia(
 ) -> dict[str, FloatArray]:
     """Returns the inertial model fields of a person's bodies, in the order of ``human.BODIES``."""
     person = Person(sex, torso_height_m, arm_scale=arm_scale, stature_m=stature_m, bmi_kg_m2=bmi_kg_m2)
-    model = human.person_model(person, moving=True)
-    bodies = [model.body(human.PREFIX + name).id for name in human.BODIES]
+    model = human.compile_person_model(person, moving=True)
+    bodies = [model.body(human.PERSON_NAME_PREFIX + name).id for name in human.BODIES]
     return {name: getattr(model, name)[bodies] for name in INERTIAL_FIELDS}

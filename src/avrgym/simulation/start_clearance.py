@@ -14,7 +14,7 @@ from avrgym.geometry.transforms import norm
 from avrgym.models import collision_bits, human
 from avrgym.models.collision_bits import CollisionBits
 from avrgym.models.human import LEFT_ARM_BODIES, RIGHT_ARM_BODIES
-from avrgym.models.task_frame import opposite_side_name
+from avrgym.models.task_frame import exchange_side_in_name
 from avrgym.people.arm_clearance import CHECKED_CAPSULE_PAIRS
 
 MinClearances = dict[tuple[int, int], float]
@@ -45,7 +45,7 @@ class WorldGeoms:
     """All geoms of n worlds, world frame: centres (n, G, 3), rotation matrices (n, G, 9) by row, sizes (n, G, 3)."""
 
     pos_w: FloatArray
-    rotation_w: FloatArray
+    rotation_matrix_w: FloatArray
     size_m: FloatArray
 
 
@@ -66,7 +66,7 @@ class ClearanceConflict:
         return f"{self.body1} is {where} {self.body2}"
 
 
-class StartClearanceChecker:
+class InitialClearanceChecker:
     """Measures the gaps between all bodies of a scene that must not overlap in the initial state."""
 
     def __init__(
@@ -121,7 +121,7 @@ class StartClearanceChecker:
         if not len(pairs):
             return None
         self._model.geom_size[:] = geoms.size_m[world]
-        self._data.geom_xpos[:], self._data.geom_xmat[:] = geoms.pos_w[world], geoms.rotation_w[world]
+        self._data.geom_xpos[:], self._data.geom_xmat[:] = geoms.pos_w[world], geoms.rotation_matrix_w[world]
         gaps = np.array([self._gap_m(pair, float(clearance_m[pair])) for pair in pairs])
         lacking = gaps - clearance_m[pairs]
         worst = lacking.argmin()
@@ -210,7 +210,9 @@ def _arms_to_furniture(model: mujoco.MjModel, *, arms: bool, offered: bool, mirr
         )
         pairs = CHECKED_CAPSULE_PAIRS
         if mirrored:
-            pairs = tuple((opposite_side_name(part), opposite_side_name(other)) for part, other in pairs)
+            pairs = tuple(
+                (exchange_side_in_name(part), exchange_side_in_name(other)) for part, other in pairs
+            )
         clearances |= _named_pairs(model, pairs, 0.0)
     return clearances
 
@@ -238,7 +240,7 @@ def _geoms(model: mujoco.MjModel, bits: CollisionBits) -> list[int]:
 
 def _parts(model: mujoco.MjModel, names: Iterable[str]) -> list[int]:
     """Returns the ids of geoms of the person's body with these names."""
-    return [model.geom(human.PREFIX + name).id for name in names]
+    return [model.geom(human.PERSON_NAME_PREFIX + name).id for name in names]
 
 
 def _body(model: mujoco.MjModel, geom: int) -> str:

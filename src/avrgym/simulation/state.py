@@ -15,7 +15,7 @@ class RightArmPoses:
     """
 
     right_arm_pos_w: FloatArray
-    right_arm_q_w: FloatArray
+    right_arm_quat_w: FloatArray
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class ArmPoses(RightArmPoses):
     """Poses of the right and the left arm, as in ``RightArmPoses``."""
 
     left_arm_pos_w: FloatArray
-    left_arm_q_w: FloatArray
+    left_arm_quat_w: FloatArray
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,12 @@ class State(ArmPoses):
 
     Positions are (N, 3), quaternions (N, 4). ``joint_positions`` (N, J) are radians or metres. ``base_displacement``
     (N, 3) is x, y (m) and yaw (rad) of a driving base in the frame of its start; (N, 0) for other robots.
-    ``robot_pos_w`` is the robot's torso, or its base if it has no torso. The pad is the part of the tool that touches
-    people, see ``models.tools.Tool.contact_body``. ``placed_pos_w`` contains the positions of movable furniture by name
-    of the body. ``particle_*`` have shape (N, K, 3). The person's body consists of G capsules, in the order of
-    ``human.GEOMS``: ``person_segment_w`` (N, G, 2, 3) are the ends of their axes, ``person_radius_m`` (N, G) their
-    radii. ``tool_contact_*`` (N, ``MAX_TOOL_CONTACTS``, …) are the tool's strongest contacts with the person. Unused
+    ``robot_torso_pos_w`` is the robot's torso, or its base if it has no torso. The pad is the part of the tool that
+    touches people, see ``models.tools.Tool.contact_body``. ``furniture_pos_w`` contains the positions of movable
+    furniture by name of the body. ``particle_*`` have shape (N, K, 3). The person's body consists of G capsules, in
+    the order of ``human.GEOMS``: ``person_capsule_ends_w`` (N, G, 2, 3) are the ends of their axes,
+    ``person_radius_m`` (N, G) their radii. ``tool_contact_*`` (N, ``MAX_TOOL_CONTACTS``, …) are the tool's strongest
+    contacts with the person. Unused
     rows have force zero. Normals point from the tool to the person. ``cloth_pos_w`` (N, V, 3) are the vertices of the
     tool's cloth.
 
@@ -46,23 +47,23 @@ class State(ArmPoses):
     cloth alone.
     """
 
-    robot_pos_w: FloatArray
+    robot_torso_pos_w: FloatArray
     joint_positions: FloatArray
     base_displacement: FloatArray
-    effector_velocity_w: FloatArray
+    end_effector_velocity_w: FloatArray
     tool_velocity_w: FloatArray
     tool_pos_w: FloatArray
-    tool_q_w: FloatArray
-    pad_pos_w: FloatArray
-    pad_q_w: FloatArray
+    tool_quat_w: FloatArray
+    tool_pad_pos_w: FloatArray
+    tool_pad_quat_w: FloatArray
     head_pos_w: FloatArray
-    head_q_w: FloatArray
+    head_quat_w: FloatArray
     mouth_pos_w: FloatArray
-    placed_pos_w: Mapping[str, FloatArray]
+    furniture_pos_w: Mapping[str, FloatArray]
     particle_pos_w: FloatArray
     particle_velocity_w: FloatArray
     cloth_pos_w: FloatArray
-    person_segment_w: FloatArray
+    person_capsule_ends_w: FloatArray
     person_radius_m: FloatArray
     robot_force_n: FloatArray
     tool_force_n: FloatArray
@@ -80,16 +81,16 @@ class InitialState:
 
     Attributes:
         people: body parameters of the people (n,).
-        robot_pos_w: positions (n, 3) of the robot's base.
-        robot_q_w: quaternions (n, 4) of the robot's base.
+        robot_base_pos_w: positions (n, 3) of the robot's base.
+        robot_base_quat_w: quaternions (n, 4) of the robot's base.
         joint_positions: joint positions (n, J) of the arm.
-        placed_pos_w: positions (n, 3) of the scene's movable furniture, by body.
+        furniture_pos_w: positions (n, 3) of the scene's movable furniture, by body.
         tool_position_error_m: distance (n,) of the tool from its intended position, if the scene checks the reach.
     """
 
     people: People
-    robot_pos_w: FloatArray
-    robot_q_w: FloatArray
+    robot_base_pos_w: FloatArray
+    robot_base_quat_w: FloatArray
     joint_positions: FloatArray
-    placed_pos_w: Mapping[str, FloatArray]
+    furniture_pos_w: Mapping[str, FloatArray]
     tool_position_error_m: FloatArray | None = None

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import ray
 from ray.exceptions import RayActorError, RayError, RayTaskError, WorkerCrashedError
 
-from avrgym.system import jobs
+from avrgym.system import parallel_calls
 
 Result = TypeVar("Result")
 
@@ -42,11 +42,11 @@ class _Worker:
 
     def start(self, variables: Mapping[str, str]) -> dict[str, str]:
         os.environ.update(variables)
-        return installed_versions()
+        return find_installed_versions()
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> tuple[Any, int]:
         """Call a function. Returns its result, and the sum of its progress reports."""
-        with jobs.count_progress() as reported:
+        with parallel_calls.count_progress() as reported:
             result = function(*arguments)
         return result, reported()
 
@@ -233,7 +233,7 @@ def _shared_once(arguments: Sequence[tuple[Any, ...]]) -> list[tuple[Any, ...]]:
     return [tuple(ray_reference(each) for each in call) for call in arguments]
 
 
-def installed_versions() -> dict[str, str]:
+def find_installed_versions() -> dict[str, str]:
     """Returns the versions of Python and of the packages in ``VERSION_CHECKED_PACKAGES``."""
     return {"Python": platform.python_version()} | {
         name: importlib.metadata.version(name) for name in VERSION_CHECKED_PACKAGES
@@ -242,7 +242,7 @@ def installed_versions() -> dict[str, str]:
 
 def check_versions(found: Mapping[str, str]) -> None:
     """Raises ``RuntimeError`` if a node has other versions than this computer. ``found``: versions on the node."""
-    local = installed_versions()
+    local = find_installed_versions()
     for name, version in found.items():
         if version != local[name]:
             raise RuntimeError(
@@ -252,7 +252,7 @@ def check_versions(found: Mapping[str, str]) -> None:
 
 
 @contextmanager
-def connect(address: str, max_jobs: int | None = None) -> Generator[Cluster]:
+def connect_to_cluster(address: str, max_jobs: int | None = None) -> Generator[Cluster]:
     """Context manager: yields a connection to a Ray cluster.
 
     Args:
@@ -269,7 +269,7 @@ def connect(address: str, max_jobs: int | None = None) -> Generator[Cluster]:
     quiet: dict[str, Any] = {"logging_level": "ERROR", "log_to_driver": False, "include_dashboard": False}
     if address == "local":
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-        quiet["num_cpus"] = jobs.available_core_count()
+        quiet["num_cpus"] = parallel_calls.count_available_cores()
     elif address.startswith("ray://"):
         quiet = {"log_to_driver": False}
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")

@@ -29,7 +29,7 @@ class Column:
     empty: str = ""
 
 
-def columns_of(row: type) -> dict[str, Column]:
+def describe_columns(row: type) -> dict[str, Column]:
     """Returns the column descriptions of a dataclass, by field name.
 
     Raises:

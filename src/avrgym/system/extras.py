@@ -19,7 +19,7 @@ _DISTRIBUTIONS = {
 """Distribution (installable package) of a module, if the two names differ."""
 
 
-def extra_of(module: str, preferred: str | None = None) -> str | None:
+def find_extra(module: str, preferred: str | None = None) -> str | None:
     """Returns the smallest extra that installs a module such as ``mcap.reader``; ``None`` if no extra installs it.
 
     Args:

@@ -31,15 +31,15 @@ def write_atomically(path: Path, data: bytes, mode: int = 0o666) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def leftover_temporary_files(folder: Path) -> list[Path]:
+def find_leftover_files(folder: Path) -> list[Path]:
     """Returns the temporary files of killed processes in a folder and its subfolders, see ``write_atomically``."""
     found = ((path, _UNFINISHED.fullmatch(path.name)) for path in folder.rglob(".*.part"))
     return sorted(path for path, match in found if match and not is_process_running(int(match[1])))
 
 
 def remove_leftover_files(folder: Path) -> None:
-    """Remove the temporary files of killed processes in a folder, see ``leftover_temporary_files``."""
-    for path in leftover_temporary_files(folder):
+    """Remove the temporary files of killed processes in a folder, see ``find_leftover_files``."""
+    for path in find_leftover_files(folder):
         path.unlink(missing_ok=True)
 
 
@@ -66,7 +66,7 @@ def write_folder_atomically(path: Path, write: Callable[[Path], None]) -> None:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def private_opener(path: str, flags: int) -> int:
+def open_privately(path: str, flags: int) -> int:
     """Opener for Python's ``open``: only the owner can read or write a new file. Returns the file descriptor."""
     return os.open(path, flags, PRIVATE_FILE_MODE)
 
@@ -77,7 +77,7 @@ def write_private_file(path: Path, text: str) -> None:
     Raises:
         FileExistsError: if the file exists. The existing file is not changed.
     """
-    with open(path, "x", encoding="utf-8", opener=private_opener) as file:
+    with open(path, "x", encoding="utf-8", opener=open_privately) as file:
         try:
             file.write(text)
             file.flush()
@@ -96,7 +96,7 @@ def make_private_folder(path: Path) -> None:
 
 def restrict_to_owner(path: Path) -> None:
     """Remove the permissions of other users on a file, or on a folder and its contents."""
-    for each in exposed_paths(path):
+    for each in find_exposed_paths(path):
         each.chmod(each.stat().st_mode & ~_OTHERS)
 
 
@@ -108,7 +108,7 @@ def remove_folder(path: Path) -> None:
         shutil.rmtree(path)
 
 
-def exposed_paths(path: Path) -> Iterator[Path]:
+def find_exposed_paths(path: Path) -> Iterator[Path]:
     """Yields those paths on which other users have permissions: ``path`` and, for a folder, its contents.
 
     Symbolic links are ignored.
@@ -134,7 +134,7 @@ def read_user_text(path: Path) -> str:
     return path.read_text(encoding=_USER_ENCODING)
 
 
-def bom_variants(data: bytes) -> tuple[bytes, bytes]:
+def make_bom_variants(data: bytes) -> tuple[bytes, bytes]:
     """Returns the bytes of a UTF-8 text ``data``: first without, then with a byte-order mark (BOM)."""
     text = data.removeprefix(codecs.BOM_UTF8)
     return text, codecs.BOM_UTF8 + text
@@ -145,7 +145,7 @@ def open_new_csv(path: Path) -> TextIO:
     return open(path, "x", encoding=_USER_ENCODING, newline="")
 
 
-def user_data_folder() -> Path:
+def get_user_data_folder() -> Path:
     """Returns the folder for the user's keys, tokens and certificates. On Linux it is in ``$XDG_DATA_HOME`` or
     ``~/.local/share``."""
     import platformdirs  # a package of the extra vr

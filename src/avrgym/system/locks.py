@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from avrgym.system.files import private_opener
+from avrgym.system.files import open_privately
 
 LOCK_FILE = "training.lock"
 """Name of the locked file. The file is never removed. It contains the id of the last process that locked it."""
@@ -23,7 +23,7 @@ def lock_folder(folder: Path, name: str = LOCK_FILE) -> Generator[None]:
         ValueError: if another process has locked the folder, or if its file system does not support locks.
         OSError: if the folder cannot be written.
     """
-    with open(folder / name, "a+", opener=private_opener) as file:
+    with open(folder / name, "a+", opener=open_privately) as file:
         _lock(file, folder)
         file.truncate(0)
         file.write(f"{os.getpid()}\n")
@@ -32,13 +32,13 @@ def lock_folder(folder: Path, name: str = LOCK_FILE) -> Generator[None]:
 
 
 @contextmanager
-def lock_number(path: Path, number: int, wait_s: float) -> Generator[None]:
+def lock_number_in_file(path: Path, number: int, wait_s: float) -> Generator[None]:
     """Context manager: lock a number in the file ``path``. A missing file is created.
 
     ``wait_s``: maximum time in seconds to wait for another process. After this time, raises ``TimeoutError``.
     """
     ends_s = time.monotonic() + wait_s
-    with open(path, "a", opener=private_opener) as file:
+    with open(path, "a", opener=open_privately) as file:
         while True:
             try:
                 fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, number)

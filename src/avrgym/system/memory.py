@@ -24,12 +24,12 @@ def set_mmap_threshold() -> None:
         ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, MMAP_THRESHOLD_BYTES)
 
 
-def available_memory_bytes() -> int | None:
+def get_available_memory_bytes() -> int | None:
     """Returns the free memory of this computer in bytes; ``None`` if the system does not report it."""
     return _pages("SC_AVPHYS_PAGES")
 
 
-def total_memory_bytes() -> int | None:
+def get_total_memory_bytes() -> int | None:
     """Returns the total memory of this computer in bytes; ``None`` if the system does not report it."""
     return _pages("SC_PHYS_PAGES")
 

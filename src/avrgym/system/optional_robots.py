@@ -24,7 +24,7 @@ INSTALL_COMMAND_BY_ROBOT = {
 INSTALLED_ROBOTS = tuple(robot for robot in MESH_PACKAGE_BY_ROBOT if robot not in INSTALL_COMMAND_BY_ROBOT)
 
 
-def install_hint(name: str) -> str:
+def format_install_hint(name: str) -> str:
     """Returns the last part of an error message for the unknown ``name``: how to install the robots that it contains.
 
     The text is empty if ``name`` contains no missing robot.

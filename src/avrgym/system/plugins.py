@@ -20,7 +20,11 @@ class NamedObject(Protocol):
 
 
 T = TypeVar("T", bound=NamedObject)
-TASK_GROUP, ROBOT_GROUP, CONTROLLER_GROUP = "avrgym.tasks", "avrgym.robots", "avrgym.controllers"
+TASK_ENTRY_POINT_GROUP, ROBOT_ENTRY_POINT_GROUP, CONTROLLER_ENTRY_POINT_GROUP = (
+    "avrgym.tasks",
+    "avrgym.robots",
+    "avrgym.controllers",
+)
 """Names of the entry point groups of Python packages for tasks, robots and controllers."""
 _LOG = logging.getLogger("avrgym.plugins")
 _loaded: dict[tuple[str, str], EntryPoint] = {}
@@ -42,7 +46,7 @@ def load_plugins(group: str, kind: type[T], add: Callable[[T], object]) -> list[
         Plug-ins that cannot be loaded or have another type, or for which ``add`` raises an exception.
     """
     broken: list[SkippedPlugin] = []
-    for entry in entry_points_of(group):
+    for entry in list_entry_points(group):
         try:
             found = _object(entry, kind)
             add(found)
@@ -52,13 +56,13 @@ def load_plugins(group: str, kind: type[T], add: Callable[[T], object]) -> list[
     return broken
 
 
-def entry_point_of(group: str, name: str) -> EntryPoint | None:
+def find_entry_point(group: str, name: str) -> EntryPoint | None:
     """Returns the entry point of a loaded object; ``None`` if the object is not from a plug-in."""
     return _loaded.get((group, name))
 
 
 @cache
-def entry_points_of(group: str) -> tuple[EntryPoint, ...]:
+def list_entry_points(group: str) -> tuple[EntryPoint, ...]:
     """Returns the entry points of a group, sorted by name. The result is cached; nothing is imported."""
     return tuple(sorted(entry_points(group=group), key=describe_entry_point))
 

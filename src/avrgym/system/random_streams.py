@@ -38,7 +38,7 @@ def parse_split(name: str) -> Split:
 # Evaluation
 
 
-def evaluation_generators(split: Split, seed: int, numbers: Iterable[int]) -> list[Generator]:
+def make_evaluation_rngs(split: Split, seed: int, numbers: Iterable[int]) -> list[Generator]:
     """Returns one random generator for each episode number of a split. The generator determines the person, the initial
     state and the exploration noise of the episode.
     """
@@ -49,88 +49,93 @@ def evaluation_generators(split: Split, seed: int, numbers: Iterable[int]) -> li
 # Training
 
 
-def training_episode_generator(seed: int) -> Generator:
+def make_training_episode_rng(seed: int) -> Generator:
     """Returns the random generator for the person and initial state of a training episode. ``seed`` is sampled by
-    ``episode_seed_generator`` or ``hard_episode_generator``.
+    ``make_episode_seed_rng`` or ``make_failed_episode_rng``.
     """
     return default_rng(seed)
 
 
-def episode_seed_generator(seed: int, update: int) -> Generator:
+def make_episode_seed_rng(seed: int, update: int) -> Generator:
     """Returns the random generator for the seeds of the episodes in one update of a recurrent policy."""
     return default_rng([seed, 1, update])
 
 
-def imitation_generator(seed: int, update: int) -> Generator:
+def make_imitation_rng(seed: int, update: int) -> Generator:
     """Returns the random generator for one imitation update: for the worlds that the expert controls, and for the
     minibatches.
     """
     return default_rng([seed, 2, update])
 
 
-def hard_episode_generator(seed: int, steps: int) -> Generator:
+def make_failed_episode_rng(seed: int, steps: int) -> Generator:
     """Returns the random generator for the seeds of the episodes in one update of a feed-forward policy."""
     return default_rng([seed, 3, steps])
 
 
-def robot_noise_generator(seed: int, steps: int, world: int) -> Generator:
+def make_robot_noise_rng(seed: int, steps: int, world: int) -> Generator:
     """Returns the random generator for the exploration noise of the robot's actions in one update."""
     return default_rng([seed, 4, steps, world])
 
 
-def human_noise_generator(seed: int, steps: int, world: int) -> Generator:
+def make_human_noise_rng(seed: int, steps: int, world: int) -> Generator:
     """Returns the random generator for the exploration noise of a trained human's actions in one update."""
     return default_rng([seed, 5, steps, world])
 
 
-def device_minibatch_seed(seed: int, steps: int) -> int:
+def derive_device_minibatch_seed(seed: int, steps: int) -> int:
     """Returns the seed of PyTorch for the minibatches of one update on a device."""
     return int(default_rng([seed, 6, steps]).integers(2**63))
 
 
-def demonstration_generator(seed: int, attempt: int) -> Generator:
+def make_demonstration_rng(seed: int, attempt: int) -> Generator:
     """Returns the random generator for an attempt of a simulated operator: person, initial state and noise."""
     return default_rng([seed, 7, attempt])
+
+
+def make_cloning_minibatch_rng(seed: int) -> Generator:
+    """Returns the random generator for the minibatches of behaviour cloning."""
+    return default_rng(seed)
 
 
 # Single episodes, environments and people; Gymnasium's environments have their own ``np_random``
 
 
-def episode_generator(seed: int) -> Generator:
+def make_episode_rng(seed: int) -> Generator:
     """Returns the random generator for the initial state and exploration noise of a single episode: in a study's trial,
     in ``view`` and ``export``, and in the check of a task.
     """
     return default_rng(seed)
 
 
-def trained_human_noise_generator(uniform: float) -> Generator:
+def make_trained_human_noise_rng(uniform: float) -> Generator:
     """Returns the random generator for the exploration noise of a trained human in one episode. ``uniform`` is a random
     number of the initial state, 0 to 1.
     """
     return default_rng([5, int(uniform * 2**53)])
 
 
-def benchmark_action_generator(seed: int) -> Generator:
+def make_benchmark_action_rng(seed: int) -> Generator:
     """Returns the random generator for the random actions of ``bench sim``."""
     return default_rng(seed)
 
 
-def benchmark_episode_generator(seed: int, world: int) -> Generator:
+def make_benchmark_episode_rng(seed: int, world: int) -> Generator:
     """Returns the random generator for the person and initial state of a world in ``bench sim``."""
     return default_rng([seed, world])
 
 
-def untrained_weight_generator() -> Generator:
+def make_untrained_weight_rng() -> Generator:
     """Returns the random generator for the weights of the untrained network of ``bench vr``."""
     return default_rng(0)
 
 
-def planner_start_generator() -> Generator:
+def make_planner_start_rng() -> Generator:
     """Returns the random generator for the start poses of the inverse kinematics in the experts' motion planner."""
     return default_rng(0)
 
 
-def surface_point_generator() -> Generator:
+def make_surface_point_rng() -> Generator:
     """Returns the random generator for the points on the surfaces of bodies in a Foxglove replay."""
     return default_rng(0)
 
@@ -138,32 +143,32 @@ def surface_point_generator() -> Generator:
 # Studies; ``seed`` is the design's seed. Participant numbers are smaller than the constants of the other streams
 
 
-def condition_order_generator(seed: int) -> Generator:
+def make_condition_order_rng(seed: int) -> Generator:
     """Returns the random generator for the trial orders of a study: orders of tasks and conditions."""
     return default_rng(seed)
 
 
-def trial_seed_generator(seed: int, participant: int, site: str | None) -> Generator:
+def make_trial_seed_rng(seed: int, participant: int, site: str | None) -> Generator:
     """Returns the random generator for the seeds of all trials of a participant."""
     return default_rng([seed, participant, *(site or "").encode()])
 
 
-def practice_robot_generator(seed: int, group: int) -> Generator:
+def make_practice_robot_rng(seed: int, group: int) -> Generator:
     """Returns the random generator for the practice robots of a group of participants."""
     return default_rng([seed, 2**32 - 1, group])
 
 
-def site_cell_generator(seed: int, site: str) -> Generator:
+def make_site_order_rng(seed: int, site: str) -> Generator:
     """Returns the random generator for the order in which a study site assigns trial orders to participants."""
     return default_rng([seed, 2**32 - 2, *site.encode()])
 
 
-def policy_code_generator(seed: int, policies: int) -> Generator:
+def make_policy_code_rng(seed: int, policies: int) -> Generator:
     """Returns the random generator for the code letters of the policies for a blinded experimenter."""
     return default_rng([seed, policies])
 
 
-def item_order_generator(seed: int) -> Generator:
+def make_item_order_rng(seed: int) -> Generator:
     """Returns the random generator for the order of a questionnaire's items after a trial; ``seed`` is the trial's
     seed.
     """
@@ -173,44 +178,44 @@ def item_order_generator(seed: int) -> Generator:
 # Simulated participants
 
 
-def simulated_answer_generator(seed: int, participant: int) -> Generator:
+def make_simulated_answer_rng(seed: int, participant: int) -> Generator:
     """Returns the random generator for the age, sex and answers of a participant in ``study simulate``."""
     return default_rng([seed, participant])
 
 
-def participant_trait_generator(seed: int) -> Generator:
+def make_participant_trait_rng(seed: int) -> Generator:
     """Returns the random generator for the body, behaviour and leniency of a simulated participant."""
     return default_rng(seed)
 
 
-def participant_motion_generator(seed: int) -> Generator:
+def make_participant_motion_rng(seed: int) -> Generator:
     """Returns the random generator for the room, motion and reactions of a simulated participant."""
     return default_rng([seed, 1])
 
 
-def participant_behaviour_generator(seed: int) -> Generator:
+def make_participant_behaviour_rng(seed: int) -> Generator:
     """Returns the random generator for the parameters of a simulated participant's behaviour model."""
     return default_rng([seed, 2])
 
 
-def participant_command_generator(seed: int, part: int) -> Generator:
+def make_participant_command_rng(seed: int, part: int) -> Generator:
     """Returns the random generator for the commands of a simulated participant to the robot. ``part``: 0 for the
     participant's traits, 1 for the commands in a trial.
     """
     return default_rng([seed, 4, part])
 
 
-def demonstration_session_generator(seed: int, sample: int) -> Generator:
+def make_demonstration_session_rng(seed: int, sample: int) -> Generator:
     """Returns the random generator for the person and the initial state of an episode of ``avrgym demonstrate``."""
     return default_rng([seed, 8, sample])
 
 
-def demonstrator_generator(seed: int) -> Generator:
+def make_demonstrator_rng(seed: int) -> Generator:
     """Returns the random generator for the room, tremor and speed noise of a simulated demonstrator."""
     return default_rng([seed, 9])
 
 
-def participant_noise_generator(seed: int) -> Generator:
+def make_participant_noise_rng(seed: int) -> Generator:
     """Returns the random generator for the exploration noise of a simulated participant that is a trained human."""
     return default_rng([seed, 3])
 
@@ -218,29 +223,29 @@ def participant_noise_generator(seed: int) -> Generator:
 # Statistics
 
 
-def simulated_study_generator(seed: int, study: int, part: int) -> Generator:
+def make_simulated_study_rng(seed: int, study: int, part: int) -> Generator:
     """Returns the random generator for a simulated study of ``study power``. ``part``: 0 for answers, 1 for tasks, 2
     for withdrawals, 3 for objective results.
     """
     return default_rng([seed, study, part])
 
 
-def permutation_generator(seed: int) -> Generator:
+def make_permutation_rng(seed: int) -> Generator:
     """Returns the random generator for the permutations of the energy test."""
     return default_rng(seed)
 
 
-def sign_flip_generator() -> Generator:
+def make_sign_flip_rng() -> Generator:
     """Returns the random generator for the sign flips of paired permutation tests with many participants."""
     return default_rng(0)
 
 
-def arm_pose_generator() -> Generator:
+def make_arm_pose_rng() -> Generator:
     """Returns the random generator for the random poses of an arm, for the search of links that can collide."""
     return default_rng(0)
 
 
-def fitted_population_generator() -> Generator:
+def make_fitted_population_rng() -> Generator:
     """Returns the random generator for the behaviour parameters of a fitted population."""
     return default_rng(0)
 
@@ -249,7 +254,7 @@ TRAINING_POPULATION_SEED = 2020
 """Seed of the sampled training populations, and of the permutations in their comparison with participants."""
 
 
-def training_population_generator(population: int, task: int) -> Generator:
+def make_training_population_rng(population: int, task: int) -> Generator:
     """Returns the random generator for the people sampled from a training population, for comparison with
     participants.
     """

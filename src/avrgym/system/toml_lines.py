@@ -14,7 +14,7 @@ ValuePath = tuple[str | int, ...]
 _MARK = "avrgym-marks-this-place"
 
 
-def line_number(text: str, place: ValuePath) -> int:
+def find_line_number(text: str, place: ValuePath) -> int:
     """Returns the line number of a value, from 1. Raises ``LookupError`` if there is no such value."""
     match place:
         case (str(key), int(index), *rest):

@@ -28,7 +28,7 @@ class TransferredFile:
         """Returns the folder ``name`` with the contents of its ``files``."""
         return cls(name, files=tuple((str(file.relative_to(name)), file.read_bytes()) for file in files))
 
-    def local_path(self) -> str:
+    def get_local_path(self) -> str:
         """Returns a path of the files on this computer.
 
         This is ``name`` if identical files exist there. Otherwise it is the path of a temporary copy.

@@ -1,6 +1,6 @@
 """Plug-ins of a recording, study or training run: package, version, and hash of the files.
 
-Robots and tasks of AVR Gym are not plug-ins. AVR Gym's version identifies them, see ``avrgym_version``.
+Robots and tasks of AVR Gym are not plug-ins. AVR Gym's version identifies them, see ``get_avrgym_version``.
 """
 
 import ast
@@ -26,7 +26,7 @@ class UsedPlugin(msgspec.Struct, frozen=True, omit_defaults=True):
 
     ``name``: name of the task, robot or controller. ``entry_point``: ``NAME = MODULE:ATTRIBUTE``, or
     ``MODULE:ATTRIBUTE`` for code outside a package; ``package`` and ``version`` are then empty. ``sha256``: hash of the
-    plug-in's files, see ``content_sha256``.
+    plug-in's files, see ``compute_module_sha256``.
     """
 
     kind: PluginKind
@@ -48,29 +48,29 @@ class UsedPlugin(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 @cache
-def avrgym_version() -> str:
+def get_avrgym_version() -> str:
     """Returns the version of AVR Gym. For an editable installation, it includes a hash of the files."""
     about = importlib.metadata.distribution("avrgym")
     origin = json.loads(about.read_text("direct_url.json") or "{}")
     if not origin.get("dir_info", {}).get("editable"):
         return about.version
-    return f"{about.version}+{content_sha256('avrgym')[:PRINTED_HASH_DIGITS]}"
+    return f"{about.version}+{compute_module_sha256('avrgym')[:PRINTED_HASH_DIGITS]}"
 
 
-def plugin_of_entry_point(kind: PluginKind, name: str, entry: EntryPoint) -> UsedPlugin:
+def make_plugin_from_entry_point(kind: PluginKind, name: str, entry: EntryPoint) -> UsedPlugin:
     """Returns the used plug-in of an entry point: its package and installed version."""
     about = {} if entry.dist is None else {"package": entry.dist.name, "version": entry.dist.version}
     return UsedPlugin(
-        kind, name, f"{entry.name} = {entry.value}", **about, sha256=content_sha256(entry.module)
+        kind, name, f"{entry.name} = {entry.value}", **about, sha256=compute_module_sha256(entry.module)
     )
 
 
-def plugin_of_controller(name: str) -> UsedPlugin:
+def make_plugin_from_controller(name: str) -> UsedPlugin:
     """Returns the used plug-in of the controller ``module:attribute``, with a hash of its current files."""
-    return UsedPlugin("controller", name, name, sha256=content_sha256(name.partition(":")[0]))
+    return UsedPlugin("controller", name, name, sha256=compute_module_sha256(name.partition(":")[0]))
 
 
-def differences(before: Iterable[UsedPlugin], now: Iterable[UsedPlugin]) -> list[str]:
+def describe_plugin_differences(before: Iterable[UsedPlugin], now: Iterable[UsedPlugin]) -> list[str]:
     """Returns a text for each plug-in with a different package, version or files in ``before`` and ``now``."""
     old, new = ({each.label: each for each in plugins} for plugins in (before, now))
     return [
@@ -85,7 +85,7 @@ def _content(plugin: UsedPlugin | None) -> tuple[str, ...]:
 
 
 @cache
-def content_sha256(module: str) -> str:
+def compute_module_sha256(module: str) -> str:
     """Returns the SHA-256 of a module's files; empty if they cannot be read.
 
     The files are all files of the module's top-level package, or the file of a module without a package. Imported
@@ -93,12 +93,12 @@ def content_sha256(module: str) -> str:
     """
     try:
         root = _root(module)
-        return "" if root is None else files_sha256(_files(root))
+        return "" if root is None else compute_files_sha256(_files(root))
     except OSError:
         return ""
 
 
-def files_sha256(files: Iterable[tuple[str, Path]]) -> str:
+def compute_files_sha256(files: Iterable[tuple[str, Path]]) -> str:
     """Returns the SHA-256 of names and contents of files. Raises ``OSError`` if a file cannot be read."""
     found = hashlib.sha256()
     for name, path in sorted(files):

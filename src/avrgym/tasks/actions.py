@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avrgym.array_types import BoolArray, FloatArray
-from avrgym.geometry.arrays import namespace, to_device_of
+from avrgym.geometry.arrays import get_namespace, to_device_of
 
 
 def validate_actions(
@@ -59,7 +59,7 @@ class DeviceActionValidator:
                     f"actions have the {part} {found}; allowed: tensors of shape {self._shape}, {there.dtype} on "
                     f"{there.device}"
                 )
-        xp = namespace(action)
+        xp = get_namespace(action)
         finite = xp.isfinite(action)
         self._invalid = self._invalid | ~xp.all(finite, axis=-1)
         return xp.where(finite, action, 0.0)

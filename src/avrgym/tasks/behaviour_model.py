@@ -1,7 +1,7 @@
 """Behaviour model of N people: computes their joint targets.
 
-People hold still, have tremor, cooperate with the robot, or behave like partners of the zoo. ``people.motor`` moves
-their joints.
+People hold still, have tremor, cooperate with the robot, or behave like partners of the zoo. ``people.motor_model``
+moves their joints.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.geometry.arrays import namespace, to_device_of
+from avrgym.geometry.arrays import get_namespace, to_device_of
 from avrgym.models.human import People, Posture
-from avrgym.people import cooperation, motion_version_1, motor
+from avrgym.people import cooperation, motion_version_1, motor_model
 from avrgym.people.cooperation import CooperationState, OfferedBodyPart, PersonObservation
 from avrgym.people.distributions import PeopleDistribution
-from avrgym.people.motor import MotorState
+from avrgym.people.motor_model import MotorState
 from avrgym.people.zoo import partner_behaviour
 from avrgym.people.zoo.partner_behaviour import JointLimiter, PartnerState
-from avrgym.tasks.task import replace_task_states, task_state_arrays
+from avrgym.tasks.task import get_task_state_arrays, replace_task_states
 
 BehaviourState = CooperationState | PartnerState
 
@@ -27,8 +27,8 @@ BehaviourState = CooperationState | PartnerState
 class BehaviourModel:
     """Computes the joint targets of N people of one distribution, each in an independent episode.
 
-    With ``people.motor``, call ``choose_goal_angles`` every 0.1 s. Between these calls, ``next_joint_targets`` returns
-    the targets. With version 1 of the motion model, call ``step`` every 0.1 s.
+    With ``people.motor_model``, call ``choose_goal_angles`` every 0.1 s. Between these calls, ``advance_joint_targets``
+    returns the targets. With version 1 of the motion model, call ``step`` every 0.1 s.
     """
 
     def __init__(
@@ -48,17 +48,17 @@ class BehaviourModel:
             people: their body parameters.
             offered: body part that people bring to the tool.
             posture: posture of the people, seated or reclined.
-            human_actions: whether only actions move people, see ``move_targets``.
+            human_actions: whether only actions move people, see ``move_joint_targets``.
             example_array: an array on the device of the state, if it differs from the device of ``people``.
         """
         self._partners = None if human_actions else distribution.partners
-        self._cooperating = distribution.cooperating and not human_actions
+        self._cooperating = distribution.is_cooperating and not human_actions
         self._offered: OfferedBodyPart = offered
         self._posture = posture
         height = people.torso_height_m
         self._exemplar = height if example_array is None else example_array
-        uniforms = namespace(height).zeros(
-            (len(height), cooperation.NUM_UNIFORMS), dtype=height.dtype, device=height.device
+        uniforms = get_namespace(height).zeros(
+            (len(height), cooperation.NUM_RANDOM_NUMBERS), dtype=height.dtype, device=height.device
         )
         self._state, self._motor = self._initial(people, uniforms)
 
@@ -73,7 +73,7 @@ class BehaviourModel:
     def reset(self, ids: IntArray, people: People, uniforms: FloatArray) -> None:
         """Start episodes in worlds ``ids`` (n,) with the bodies ``people``.
 
-        Behaviour parameters are sampled from uniform random numbers (n, ``cooperation.NUM_UNIFORMS``).
+        Behaviour parameters are sampled from uniform random numbers (n, ``cooperation.NUM_RANDOM_NUMBERS``).
         """
         state, motor_state = self._initial(people, uniforms)
         self._state = replace_task_states(self._state, state, ids)
@@ -81,19 +81,19 @@ class BehaviourModel:
 
     def _initial(self, people: People, uniforms: FloatArray) -> tuple[BehaviourState, MotorState]:
         if self._partners is not None:
-            state = partner_behaviour.initial_state(
+            state = partner_behaviour.make_initial_state(
                 people, self._partners.sample(uniforms[:, :2]), uniforms[:, 2:]
             )
-            moved = partner_behaviour.initial_motor_state(state, people)
+            moved = partner_behaviour.make_initial_motor_state(state, people)
         else:
-            state = cooperation.initial_state(people, uniforms)
-            moved = cooperation.initial_motor_state(state, people, uniforms, sways=self._cooperating)
+            state = cooperation.make_initial_state(people, uniforms)
+            moved = cooperation.make_initial_motor_state(state, people, uniforms, sways=self._cooperating)
         return to_device_of(state, self._exemplar), to_device_of(moved, self._exemplar)
 
-    def move_targets(self, joints: Sequence[str], action: FloatArray, limit: JointLimiter) -> None:
+    def move_joint_targets(self, joints: Sequence[str], action: FloatArray, limit: JointLimiter) -> None:
         """Move the targets of the joints named ``joints`` for one control step.
 
-        Actions (N, K) are joint speeds, divided by ``people.motor.MAX_JOINT_SPEED_RAD_S``.
+        Actions (N, K) are joint speeds, divided by ``people.motor_model.MAX_JOINT_SPEED_RAD_S``.
         """
         targets = partner_behaviour.move_joint_targets(self._state.joint_targets_rad, joints, action)
         self._state = replace(self._state, joint_targets_rad=limit(targets))
@@ -129,8 +129,8 @@ class BehaviourModel:
         world_mask: BoolArray | None = None,
     ) -> None:
         """Chooses the goal joint angles of people for the next 0.1 s. The arguments are those of ``step``."""
-        state: BehaviourState = replace(self._state, joint_targets_rad=self._motor.angles_rad)
-        goals, startled = self._motor.goal_rad, None
+        state: BehaviourState = replace(self._state, joint_targets_rad=self._motor.second_filter_angles_rad)
+        goals, startled = self._motor.goal_angles_rad, None
         if isinstance(state, PartnerState):
             state, goals = partner_behaviour.choose_goal_angles(
                 state, observe(), self._offered, self._posture
@@ -140,16 +140,16 @@ class BehaviourModel:
             state, goals = cooperation.choose_goal_angles(
                 state, goals, observe(), self._offered, self._posture
             )
-        moved = motor.set_goal_angles(self._motor, limit(goals), startled)
+        moved = motor_model.set_goal_angles(self._motor, limit(goals), startled)
         self._state, self._motor = (
             _chosen(world_mask, state, self._state),
             _chosen(world_mask, moved, self._motor),
         )
 
-    def next_joint_targets(self, limit: JointLimiter, count: int) -> FloatArray:
+    def advance_joint_targets(self, limit: JointLimiter, count: int) -> FloatArray:
         """Advances the people's motion by ``count`` steps of 10 ms. Returns the joint targets (``count``, N, 20) at the
         end of each step."""
-        self._motor, targets = motor.next_joint_targets_rad(self._motor, count)
+        self._motor, targets = motor_model.advance_joint_targets_rad(self._motor, count)
         return limit(targets)
 
 
@@ -159,5 +159,5 @@ def _chosen(world_mask: BoolArray | None, new: Any, old: Any) -> Any:
     if world_mask is None:
         return new
     rows = np.nonzero(world_mask)[0]
-    taken = {name: array[rows] for name, array in task_state_arrays(new).items()}
+    taken = {name: array[rows] for name, array in get_task_state_arrays(new).items()}
     return replace_task_states(old, type(new)(**taken), rows)

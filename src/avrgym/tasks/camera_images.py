@@ -24,8 +24,8 @@ from avrgym.models.cameras import (
     SceneCameraPose,
     add_cameras,
     add_surroundings,
-    image_entries,
-    rendering_options,
+    list_image_formats,
+    make_rendering_options,
     update_poses,
 )
 from avrgym.models.human import Person
@@ -48,7 +48,7 @@ Images = dict[str, NumpyArray]
 PersonAppearanceKey = tuple[str, float, float, str, float | None, float | None]
 
 
-class CameraImages:
+class CameraImageRenderer:
     """Renders the cameras of N worlds. The first image creates the graphics context.
 
     Any thread may then render images, one thread at a time.
@@ -61,7 +61,7 @@ class CameraImages:
         self._episodes = episodes
         self._models: dict[str, _SexModel] = {}
 
-    def images(self, worlds: Iterable[int] | None = None) -> Images:
+    def render_images(self, worlds: Iterable[int] | None = None) -> Images:
         """Returns images (n, ...) of the current state of ``worlds`` (default: all), by entry name.
 
         ``CameraSpec`` defines their types.
@@ -72,11 +72,11 @@ class CameraImages:
         chosen = [*range(self._episodes.simulation.num_worlds)] if worlds is None else [*worlds]
         found = {
             name: np.empty((len(chosen), *shape), dtype)
-            for name, (shape, dtype, _) in image_entries(self.cameras).items()
+            for name, (shape, dtype, _) in list_image_formats(self.cameras).items()
         }
         with self._graphics():
             for row, world in enumerate(chosen):
-                person = self._episodes.person_of_world(world)
+                person = self._episodes.get_person(world)
                 model = self._model_of(person)
                 model.show(self._episodes, world, person)
                 for camera in self.cameras:
@@ -84,7 +84,7 @@ class CameraImages:
         return found
 
     def close(self) -> None:
-        """Free the graphics memory. The next call of ``images`` allocates it again."""
+        """Free the graphics memory. The next call of ``render_images`` allocates it again."""
         if self._context is not None:
             with self._context.as_current():
                 for model in self._models.values():
@@ -127,10 +127,10 @@ class _SexModel:
         size_px: tuple[int, int],
     ) -> None:
         scene = episodes.scene
-        spec = build_scene_spec(scene, person, moving=episodes.simulation.moving, appearance=True)
+        spec = build_scene_spec(scene, person, moving=episodes.simulation.has_moving_people, appearance=True)
         add_surroundings(spec)
-        view = episodes.task.views.of_mount(scene.mount)
-        add_cameras(spec, scene, SceneCameraPose(view.camera_pos_w, np.array(view.look_at_w)), cameras)
+        view = episodes.task.camera_views.select_view(scene.mount)
+        add_cameras(spec, scene, SceneCameraPose(view.camera_pos_w, np.array(view.target_pos_w)), cameras)
         self.model = model = spec.compile()
         self._data = mujoco.MjData(model)
         model.vis.global_.offwidth, model.vis.global_.offheight = size_px
@@ -139,7 +139,7 @@ class _SexModel:
             FAR_CLIP_M / model.stat.extent,
         )
         self._groups = model.geom_group.copy()
-        self._option = rendering_options()
+        self._option = make_rendering_options()
         self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + model.nskin + 100)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
@@ -158,7 +158,7 @@ class _SexModel:
         model, batch = self.model, episodes.simulation.batch
         model.body_pos[:] = batch.expand("body_pos")[world]
         model.body_quat[:] = batch.expand("body_quat")[world]
-        update_poses(model, self._data, episodes.simulation.qpos(world))
+        update_poses(model, self._data, episodes.simulation.get_qpos(world))
 
     def _set_person(self, key: PersonAppearanceKey, person: Person, episodes: "Episodes") -> None:
         """Set the body size and the skin tone of the person in this model."""
@@ -231,26 +231,26 @@ class _SexModel:
 
 @cache
 def _owned_context() -> Any:
-    """Returns a class of graphics contexts that only ``CameraImages.close`` frees.
+    """Returns a class of graphics contexts that only ``CameraImageRenderer.close`` frees.
 
     Otherwise, garbage collection could free a context before the memory of its models.
     """
 
     def ignore(context: Any) -> None:
-        """Does nothing. ``CameraImages.close`` frees the context."""
+        """Does nothing. ``CameraImageRenderer.close`` frees the context."""
 
     return type("_OwnedContext", (mujoco.GLContext,), {"__del__": ignore})
 
 
 def check_graphics() -> None:
     """Raises ``RuntimeError`` if nothing can be rendered. The message contains a setting that may help."""
-    error = graphics_error()
+    error = find_rendering_error()
     if error is not None:
         raise RuntimeError(f"rendering failed: {RENDERING_HINT}; {error}")
 
 
 @cache
-def graphics_error() -> str | None:
+def find_rendering_error() -> str | None:
     """Returns the error message of a rendering test, or ``None`` if rendering works.
 
     The result is cached: a second attempt without a graphics library ends the process.
@@ -284,9 +284,9 @@ def _labels(model: mujoco.MjModel, episodes: "Episodes") -> dict[tuple[int, int]
         name, parent = model.body(body).name, model.body_parentid[body]
         if body == tool or (body and labels[parent] == _TOOL):
             labels.append(_TOOL)
-        elif name.startswith(robot.PREFIX):
+        elif name.startswith(robot.ROBOT_NAME_PREFIX):
             labels.append(_ROBOT)
-        elif name.startswith(human.PREFIX):
+        elif name.startswith(human.PERSON_NAME_PREFIX):
             labels.append(_PERSON)
         else:
             labels.append(_PARTICLES if name in grains else _FURNITURE if body else _BACKGROUND)
@@ -308,7 +308,9 @@ def _axis(name: str) -> str:
 def _skin_rows(model: mujoco.MjModel) -> dict[str, IntArray]:
     """Returns the rows of vertices, bones and materials of the person's skins, in the order of the skins' names."""
     names = sorted(
-        model.skin(i).name for i in range(model.nskin) if model.skin(i).name.startswith(human.PREFIX)
+        model.skin(i).name
+        for i in range(model.nskin)
+        if model.skin(i).name.startswith(human.PERSON_NAME_PREFIX)
     )
     ids = [model.skin(name).id for name in names]
     return {
@@ -327,7 +329,7 @@ def _person_skins(person: Person, episodes: "Episodes") -> dict[str, NumpyArray]
     """Returns the model fields of a person's skins, in the order of ``_skin_rows``."""
     scene = episodes.scene
     spec = mujoco.MjSpec()
-    human.add_person(spec, person, scene.posture, moving=episodes.simulation.moving)
+    human.add_person(spec, person, scene.posture, moving=episodes.simulation.has_moving_people)
     add_person_skins(spec, person, scene.posture, open_mouth=scene.tool.particles is not None)
     model = spec.compile()
     rows = _skin_rows(model)

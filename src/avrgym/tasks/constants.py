@@ -16,22 +16,22 @@ With another version, the recorded actions may lead to different states.
 """
 
 
-def environment_id(task: str, robot: str) -> str:
+def make_environment_id(task: str, robot: str) -> str:
     """Returns the environment id of a task with a robot, such as ``avrgym/FeedingJaco-v1``."""
     return f"avrgym/{task}{robot}-v1"
 
 
 PACKAGED_ENVIRONMENTS = tuple(
-    environment_id(task, robot) for task, robot in product(PACKAGED_TASKS, PACKAGED_ROBOTS)
+    make_environment_id(task, robot) for task, robot in product(PACKAGED_TASKS, PACKAGED_ROBOTS)
 )
 """Ids of the packaged environments. Plug-ins register further ids."""
 PAPER_ENVIRONMENTS = tuple(
-    environment_id(task, robot) for task, robot in product(PAPER_TASKS, ("Jaco", "PR2"))
+    make_environment_id(task, robot) for task, robot in product(PAPER_TASKS, ("Jaco", "PR2"))
 )
 """Ids of the environments in the paper (Erickson, Gu and Kemp, 2020). These environments have packaged policies."""
 
 
-def skippable_errors(environment_id: str) -> tuple[type[Exception], ...]:
+def list_skippable_errors(environment_id: str) -> tuple[type[Exception], ...]:
     """Returns the exceptions for which a command skips this environment and continues with the next one.
 
     Plug-ins may raise any exception.

@@ -11,7 +11,7 @@ from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.commands.preferences import TrialRules
 from avrgym.commands.vocabulary import CommandName
 from avrgym.models.scene import DEFAULT_SUBSTEPS
-from avrgym.safety.force_guard import INTERVENTION_FORCE_SHARE, ForceGuard
+from avrgym.safety.force_guard import INTERVENTION_FORCE_LIMIT_FRACTION, ForceGuard
 from avrgym.safety.pacing import NO_COMMAND_INPUT, PacingLayer
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.safety.withdrawal import Withdrawal
@@ -26,10 +26,10 @@ class StepOutcome:
 
     Arrays are NumPy arrays in double precision. On a device they are tensors in single precision.
 
-    ``events`` (N,) is the number of events, such as bites, in the step. ``executed_action`` (N, A) is the action at the
-    end of the step. ``overridden`` (N,) is the mask of worlds in which a layer (force guard, withdrawal or pacing)
-    replaced the commanded action. ``guard_interventions`` (N,) is the number of interventions of the guard in the
-    episode. Both are ``None`` without such a layer.
+    ``num_events`` (N,) is the number of events, such as bites, in the step. ``executed_action`` (N, A) is the action
+    at the end of the step. ``overridden_mask`` (N,) is the mask of worlds in which a layer (force guard, withdrawal or
+    pacing) replaced the commanded action. ``guard_interventions`` (N,) is the number of interventions of the guard in
+    the episode. Both are ``None`` without such a layer.
     """
 
     observation: FloatArray
@@ -39,9 +39,9 @@ class StepOutcome:
     distance_m: FloatArray
     force_on_person_n: FloatArray
     tool_speed_m_s: FloatArray
-    events: IntArray
+    num_events: IntArray
     executed_action: FloatArray
-    overridden: BoolArray | None = None
+    overridden_mask: BoolArray | None = None
     guard_interventions: IntArray | None = None
 
 
@@ -49,14 +49,14 @@ class StepOutcome:
 class FirstWorldStep:
     """A control step of the first world, composed of ticks of 10 ms.
 
-    ``observation`` (O,) is from the start of the step, ``action`` (A,) from its end. ``withdrawing`` is true if the
+    ``observation`` (O,) is from the start of the step, ``action`` (A,) from its end. ``is_withdrawing`` is true if the
     withdrawal controlled the robot.
     """
 
     observation: FloatArray
     action: FloatArray
     outcome: StepOutcome
-    withdrawing: bool
+    is_withdrawing: bool
 
 
 class ActionSource(Protocol):
@@ -92,16 +92,18 @@ class ControlLoop:
         Args:
             episodes: episodes in the worlds to step.
             force_guard: whether a force guard overrides actions; needs forces by body region.
-            withdraw_after_success: whether robots withdraw after success, see ``Task.withdraws_after_success``.
+            withdraw_after_success: whether robots withdraw after success, see ``Task.withdraws_tool_after_success``.
             reward_withdrawal: whether steps that the withdrawal controls are rewarded.
             rules: the allowed commands and the preferences of participants. ``None``: no pacing layer.
         """
         self._episodes, self._simulation = episodes, episodes.simulation
-        withdraws = withdraw_after_success and episodes.task.withdraws_after_success
+        withdraws = withdraw_after_success and episodes.task.withdraws_tool_after_success
         self.withdrawal = Withdrawal(self._simulation) if withdraws else None
-        share = INTERVENTION_FORCE_SHARE if rules is None else rules.preferences.force_share
+        share = INTERVENTION_FORCE_LIMIT_FRACTION if rules is None else rules.preferences.force_share
         self.guard = ForceGuard(self._simulation, share) if force_guard else None
-        self.pacing = None if rules is None else PacingLayer(self._simulation, episodes.task.offered, rules)
+        self.pacing = (
+            None if rules is None else PacingLayer(self._simulation, episodes.task.offered_body_part, rules)
+        )
         self._reward_withdrawal = reward_withdrawal
         self._zeros = np.zeros((self._simulation.num_worlds, episodes.action_size))
         self._commanded: Any = self._zeros
@@ -110,7 +112,7 @@ class ControlLoop:
         self._substeps = episodes.scene.substeps
         self._observation: FloatArray | None = None
         """Observations (N, O) of the current state directly after a control step, otherwise ``None``."""
-        self._first_observation = np.zeros((self._simulation.num_worlds, episodes.observation.size))
+        self._first_observation = np.zeros((self._simulation.num_worlds, episodes.observation_spec.size))
         self.applied_action: FloatArray | None = None
         """The action (J,) of the first world if it changed at the latest tick, otherwise ``None``."""
         self.is_braked = False
@@ -138,7 +140,7 @@ class ControlLoop:
             self.guard.restore(snapshot["guard"])
 
     @property
-    def withdrawing(self) -> BoolArray:
+    def withdrawing_mask(self) -> BoolArray:
         """Boolean mask (N,): worlds in which the robot withdraws after success, or waits after the withdrawal."""
         if self.withdrawal is None:
             return np.zeros(self._simulation.num_worlds, dtype=bool)
@@ -154,22 +156,22 @@ class ControlLoop:
             return ~everywhere
         worlds = everywhere if worlds is None else worlds
         effective = self.pacing.apply_command(command, worlds)
-        if command == "again" and self.withdrawal is not None and self.pacing.rules.pacing:
+        if command == "again" and self.withdrawal is not None and self.pacing.trial_rules.pacing:
             effective = effective | (worlds & self.withdrawal.active_mask)
             self.withdrawal.interrupt(worlds)
         return effective
 
-    def command_input(self) -> FloatArray:
+    def make_command_input(self) -> FloatArray:
         """Returns the commands (N, C) as inputs of controllers, see ``safety.pacing.COMMAND_INPUT_ENTRIES``."""
         if self.pacing is None:
             return np.tile(NO_COMMAND_INPUT, (self._simulation.num_worlds, 1))
-        return self.pacing.command_input()
+        return self.pacing.make_command_input()
 
     def _paced(self, actions: FloatArray) -> FloatArray:
         """Returns actions (N, A), changed by the pacing layer after partners' commands. Call it once per step."""
         if self.pacing is None:
             return actions
-        for command, worlds in self._episodes.partner_commands(
+        for command, worlds in self._episodes.generate_partner_commands(
             self.pacing.waiting_mask, self.pacing.speed_factor
         ):
             self.apply_command(command, worlds)
@@ -180,12 +182,14 @@ class ControlLoop:
         return actions if self.withdrawal is None else self.withdrawal.override(actions)
 
     def add_interventions(self, outcome: StepOutcome, commanded: FloatArray) -> StepOutcome:
-        """Returns the result with ``overridden`` and ``guard_interventions``, given the commanded actions (N, A)."""
+        """Returns the result with ``overridden_mask`` and ``guard_interventions``, given the commanded actions (N,
+        A).
+        """
         if self.pacing is None and self.withdrawal is None and self.guard is None:
             return outcome
         return replace(
             outcome,
-            overridden=(outcome.executed_action != commanded).any(axis=-1),
+            overridden_mask=(outcome.executed_action != commanded).any(axis=-1),
             guard_interventions=None if self.guard is None else self.guard.num_interventions,
         )
 
@@ -209,7 +213,7 @@ class ControlLoop:
                 self._change(None)
             self._episodes.step_physics(substep, 1)
             if recorder is not None:
-                recorder.add(self._simulation.region_force_n())
+                recorder.add_forces(self._simulation.compute_region_force_n())
         return self._finish()
 
     def _execute(self, actions: FloatArray) -> None:
@@ -238,7 +242,7 @@ class ControlLoop:
         )
         outcome = self._episodes.evaluate_step(self._executed, unrewarded)
         if self.withdrawal is not None:
-            self.withdrawal.update(outcome.success, outcome.events)
+            self.withdrawal.update(outcome.success, outcome.num_events)
         return self.add_interventions(outcome, self._commanded)
 
     def tick(self, source: ActionSource | None, *, hold: bool = False) -> FirstWorldStep | None:
@@ -262,7 +266,7 @@ class ControlLoop:
         self._substep = (self._substep + 1) % self._substeps
         if self._substep:
             return None
-        withdrawing, outcome = bool(self.withdrawing[0]), self._finish()
+        withdrawing, outcome = bool(self.withdrawing_mask[0]), self._finish()
         self._observation = outcome.observation
         return FirstWorldStep(self._first_observation[0], self._executed[0], outcome, withdrawing)
 
@@ -278,7 +282,7 @@ class ControlLoop:
         self._advance()
 
     @property
-    def moving(self) -> bool:
+    def is_moving(self) -> bool:
         """Whether the latest action moves a robot in any world."""
         return bool(self._executed.any())
 
@@ -289,7 +293,7 @@ class ControlLoop:
 
     def _begin_ticks(self, source: ActionSource, hold: bool) -> None:
         self._first_observation = self._episodes.observe() if self._observation is None else self._observation
-        if self.withdrawing.all():
+        if self.withdrawing_mask.all():
             requested = self._zeros
         else:
             requested = self._episodes.validate_actions(source.act(self._first_observation))
@@ -298,7 +302,7 @@ class ControlLoop:
         self._note(hold)
 
     def _amend_ticks(self, source: ActionSource, hold: bool) -> None:
-        requested = None if self.withdrawing.all() else source.update_action()
+        requested = None if self.withdrawing_mask.all() else source.update_action()
         if requested is not None:
             checked = self._episodes.validate_actions(requested)
             paced = checked if self.pacing is None else self.pacing.override_within_step(checked)

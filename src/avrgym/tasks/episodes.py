@@ -13,35 +13,35 @@ from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
 from avrgym.commands.preferences import TrialRules
 from avrgym.commands.vocabulary import CommandName
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import namespace, to_device_of
+from avrgym.geometry.arrays import get_namespace, to_device_of
 from avrgym.models import robot as robot_model
 from avrgym.models.cameras import CameraSpec
 from avrgym.models.human import People, Person
 from avrgym.models.scene import DEFAULT_SUBSTEPS
 from avrgym.people import cooperation
-from avrgym.people.zoo.commanding import PARTNER_RULES
+from avrgym.people.zoo.commanding_partners import DEFAULT_COMMAND_RULES
 from avrgym.safety.region_forces import RegionLoadRecorder
-from avrgym.simulation.start_clearance import ClearanceConflict, NoClearanceError, StartClearanceChecker
+from avrgym.simulation.start_clearance import ClearanceConflict, InitialClearanceChecker, NoClearanceError
 from avrgym.simulation.worlds import InitialState, Simulation, State
-from avrgym.system.engines import THREADS
+from avrgym.system.engine_names import THREADS
 from avrgym.tasks import world_people
 from avrgym.tasks.actions import DeviceActionValidator, validate_actions
 from avrgym.tasks.control_loop import ControlLoop, StepOutcome
-from avrgym.tasks.human_view import HumanObserver
-from avrgym.tasks.registry import task_and_scene
+from avrgym.tasks.human_observation import HumanObserver
+from avrgym.tasks.registry import find_task_and_scene
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.tasks.task import (
     EpisodeStart,
     StepResult,
     TaskState,
-    joint_strength_shares,
+    compute_joint_strength_fractions,
+    get_task_state_arrays,
     replace_task_states,
-    task_state_arrays,
 )
 from avrgym.tasks.world_people import WorldPeople, clip_joint_angles
 
 if TYPE_CHECKING:
-    from avrgym.tasks.camera_images import CameraImages
+    from avrgym.tasks.camera_images import CameraImageRenderer
 
 ACTION_PENALTY_TERM = "action_squared"
 """Name of the reward term of the action penalty. The value of this term is different for the two agents, robot and
@@ -91,7 +91,7 @@ class Episodes:
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
             moving: whether the caller moves people's joints, with ``Simulation.command_person``.
             num_threads: number of threads for physics; 0 means one per core.
-            by_region: whether forces are measured by region of the body, see ``Simulation.region_force_n``.
+            by_region: whether forces are measured by region of the body, see ``Simulation.compute_region_force_n``.
             human_actions: whether people execute actions, see ``command_people``. Otherwise a behaviour model moves
                 them.
             engine: name of the physics engine, one of ``simulation.engines.engine.ENGINE_CHOICES``.
@@ -102,7 +102,7 @@ class Episodes:
                 applies to tasks that end with success. Steps that the withdrawal controls have reward 0.
             force_guard: whether a force guard overrides actions that endanger people, see ``safety.force_guard``.
             rules: allowed commands and preferences of the people, see ``safety.pacing``. With ``None``, people that
-                give commands have ``PARTNER_RULES``; other people have no pacing layer.
+                give commands have ``DEFAULT_COMMAND_RULES``; other people have no pacing layer.
             settings: settings of scene and control that differ from the defaults.
 
         Raises:
@@ -136,7 +136,7 @@ class Episodes:
         }
         self.environment_id = environment_id
         self.settings = settings
-        self.task, self.scene = task_and_scene(environment_id, settings)
+        self.task, self.scene = find_task_and_scene(environment_id, settings)
         self._people = WorldPeople(
             people,
             environment_id,
@@ -149,7 +149,7 @@ class Episodes:
             settings=settings,
         )
         if rules is None and self._people.commands is not None:
-            rules = PARTNER_RULES
+            rules = DEFAULT_COMMAND_RULES
         if rules is not None and engine != THREADS:
             raise ValueError(
                 f"rules for pacing and people that give commands are not possible with engine {engine!r}; "
@@ -168,10 +168,10 @@ class Episodes:
             )
         self.action_size = len(self.scene.action_names)
         """Length A of an action, see ``SceneConfig.action_names``."""
-        self.offered_joints = cooperation.OFFERED_JOINTS[self.task.offered]
+        self.offered_joints = cooperation.OFFERED_JOINTS[self.task.offered_body_part]
         """Names of the people's joints that ``command_people`` moves."""
-        self.observation = self.task.observation(self.scene)
-        self.human_observer = HumanObserver(self.task.offered, self.observation)
+        self.observation_spec = self.task.make_observation_spec(self.scene)
+        self.human_observer = HumanObserver(self.task.offered_body_part, self.observation_spec)
         self.simulation = Simulation(
             self.scene,
             num_worlds,
@@ -184,26 +184,31 @@ class Episodes:
         )
         if person is not None:
             self.simulation.set_absent_arms(person.absent_arms)
-        self._clearance = StartClearanceChecker(
+        self._clearance = InitialClearanceChecker(
             self.simulation.model,
-            base=None if self.scene.mount.on_floor else robot_model.PREFIX + self.scene.robot.base,
+            base=None
+            if self.scene.mount.is_on_floor
+            else robot_model.ROBOT_NAME_PREFIX + self.scene.robot.base,
             arms=not (moving and person is not None),
             offered=self._people.has_random_arm_pose,
-            mirrored=self.scene.in_task_frame.task_frame.mirrored,
+            mirrored=self.scene.scene_in_task_frame.task_frame.is_mirrored,
         )
-        there = self.simulation.example_array
+        there = self.simulation.reference_array
         self._people.create_people(there)
         self.task_state = to_device_of(
-            self.task.init_state(self.people, np.zeros((num_worlds, self.task.num_uniforms))), there
+            self.task.make_initial_task_state(
+                self.people, np.zeros((num_worlds, self.task.num_random_numbers))
+            ),
+            there,
         )
         self._device_actions = (
             DeviceActionValidator(num_worlds, self.action_size, there) if on_device else None
         )
         self._start_positions = np.zeros((num_worlds, len(self.scene.arm.joints)))
         self._tool_error_m = np.zeros(num_worlds)
-        self.start_samples = np.zeros(num_worlds, dtype=int)
+        self.num_initial_state_samples = np.zeros(num_worlds, dtype=int)
         """Number of samples (N,) until the current episodes had a valid initial state."""
-        self._images: CameraImages | None = None
+        self._images: CameraImageRenderer | None = None
         self.control_loop = ControlLoop(
             self, force_guard=force_guard, withdraw_after_success=withdraw_after_success, rules=rules
         )
@@ -221,7 +226,7 @@ class Episodes:
             "people": self._people.snapshot(),
             "loop": self.control_loop.snapshot(),
             "task_state": self.task_state,
-            "start_draws": self.start_samples,
+            "start_draws": self.num_initial_state_samples,
             "arm_start_rad": self._start_positions,
         }
 
@@ -230,7 +235,7 @@ class Episodes:
         self.simulation.restore(state["simulation"])
         self._people.restore(state["people"])
         self.control_loop.restore(state["loop"])
-        self.task_state, self.start_samples = state["task_state"], state["start_draws"]
+        self.task_state, self.num_initial_state_samples = state["task_state"], state["start_draws"]
         self._start_positions = state["arm_start_rad"]
 
     @property
@@ -240,7 +245,7 @@ class Episodes:
 
     def set_person(self, person: Person) -> None:
         """Use a fixed person in all worlds and all following episodes."""
-        self._people.person = person
+        self._people.fixed_person = person
         self.simulation.set_absent_arms(person.absent_arms)
 
     def reset(self, ids: IntArray, generators: Sequence[np.random.Generator]) -> FloatArray:
@@ -252,24 +257,24 @@ class Episodes:
             NoClearanceError: a ``ValueError``, after ``MAX_START_SAMPLES`` invalid initial states of a world.
         """
         generator_of = dict(zip(ids.tolist(), generators, strict=True))
-        self.start_samples[ids] = 0
+        self.num_initial_state_samples[ids] = 0
         invalid = ids
         while len(invalid):
             self._draw(invalid, [generator_of[world] for world in invalid.tolist()])
-            self.start_samples[invalid] += 1
+            self.num_initial_state_samples[invalid] += 1
             conflicts, far = (
                 self._conflicts(invalid),
                 invalid[self._tool_error_m[invalid] > MAX_TOOL_POSITION_ERROR_M],
             )
-            for world in far[self.start_samples[far] >= MAX_REACH_SAMPLES].tolist():
+            for world in far[self.num_initial_state_samples[far] >= MAX_REACH_SAMPLES].tolist():
                 raise NoClearanceError(
                     f"{self.environment_id}: with {self.settings} the arm does not reach the tool's start position in "
                     f"{MAX_REACH_SAMPLES} initial states; in the last one the distance is "
                     f"{self._tool_error_m[world]:.2f} m; change these settings"
                 )
             invalid = np.union1d(np.array([*conflicts], dtype=np.intp), far)
-            for world in invalid[self.start_samples[invalid] == MAX_START_SAMPLES].tolist():
-                person = self.people.person_at(world)
+            for world in invalid[self.num_initial_state_samples[invalid] == MAX_START_SAMPLES].tolist():
+                person = self.people.get_person(world)
                 raise NoClearanceError(
                     f"{self.environment_id}: none of {MAX_START_SAMPLES} initial states has enough clearance "
                     f"next to a {person.sex} with a torso of {person.torso_height_m:.2f} m: "
@@ -279,20 +284,22 @@ class Episodes:
         self.control_loop.reset(ids)
         return self.observe()[ids]
 
-    def episode_start(self, world: int) -> EpisodeStart:
+    def get_episode_start(self, world: int) -> EpisodeStart:
         """Returns the initial state of a world's episode, without the person. Call it before the first step."""
-        pos_w, q_w = self.simulation.initial_base_pose()
+        pos_w, q_w = self.simulation.get_initial_base_pose()
         return EpisodeStart(
             robot_pos_w=pos_w[world].tolist(),
             robot_q_w=q_w[world].tolist(),
             joint_positions=self._start_positions[world].tolist(),
-            placed_pos_w={name: pos[world].tolist() for name, pos in self.simulation.placed_pos_w().items()},
+            placed_pos_w={
+                name: pos[world].tolist() for name, pos in self.simulation.get_furniture_pos_w().items()
+            },
             memory={
-                name: array[world].tolist() for name, array in task_state_arrays(self.task_state).items()
+                name: array[world].tolist() for name, array in get_task_state_arrays(self.task_state).items()
             },
         )
 
-    def reset_to_start(self, start: EpisodeStart) -> None:
+    def reset_to_episode_start(self, start: EpisodeStart) -> None:
         """Start an episode in the first world from a stored initial state, with the person of ``set_person``.
 
         Raises:
@@ -301,25 +308,29 @@ class Episodes:
         first = np.array([0])
         task_state = {
             name: np.array(start.memory[name], array.dtype).reshape(array[:1].shape)
-            for name, array in task_state_arrays(self.task_state).items()
+            for name, array in get_task_state_arrays(self.task_state).items()
         }
         placed = {name: np.array([start.placed_pos_w[name]]) for name in self.scene.movable_bodies}
         pos_w, q_w, angles = (
             np.array([values], float)
             for values in (start.robot_pos_w, start.robot_q_w, start.joint_positions)
         )
-        self._people.reset_to_person()
+        self._people.reset_to_fixed_person()
         self._put(
             first, InitialState(self.people, pos_w, q_w, angles, placed), type(self.task_state)(**task_state)
         )
 
     def _draw(self, ids: IntArray, generators: Sequence[np.random.Generator]) -> None:
         """Sample an initial state for each of the worlds ``ids`` (n,), and set the worlds to these states."""
-        count = world_people.NUM_UNIFORMS + self.task.num_uniforms
+        count = world_people.NUM_RANDOM_NUMBERS + self.task.num_random_numbers
         uniforms = np.stack([generator.random(count) for generator in generators])
-        people = self._people.reset(ids, uniforms[:, : world_people.NUM_UNIFORMS])
-        for_task = uniforms[:, world_people.NUM_UNIFORMS :]
-        self._put(ids, self.task.start(self.scene, people, for_task), self.task.init_state(people, for_task))
+        people = self._people.reset(ids, uniforms[:, : world_people.NUM_RANDOM_NUMBERS])
+        for_task = uniforms[:, world_people.NUM_RANDOM_NUMBERS :]
+        self._put(
+            ids,
+            self.task.sample_initial_states(self.scene, people, for_task),
+            self.task.make_initial_task_state(people, for_task),
+        )
 
     def _put(self, ids: IntArray, start: InitialState, task_state: TaskState) -> None:
         self.simulation.reset(ids, replace(start, people=self._with_strength(start.people)))
@@ -332,7 +343,9 @@ class Episodes:
         share = self.task.strength_share
         if share is None:
             return people
-        return replace(people, strength_share=people.strength_share[:, None] * joint_strength_shares(share))
+        return replace(
+            people, strength_share=people.strength_share[:, None] * compute_joint_strength_fractions(share)
+        )
 
     def _conflicts(self, ids: IntArray) -> dict[int, ClearanceConflict]:
         """Returns pairs of bodies without enough clearance in worlds ``ids`` (n,), by world.
@@ -352,7 +365,7 @@ class Episodes:
         self, ids: IntArray, extra_clearance_m: float | None = None
     ) -> dict[int, ClearanceConflict]:
         conflicts = self._clearance.find_conflicts(
-            self.simulation.geoms(ids), extra_clearance_m=extra_clearance_m
+            self.simulation.get_geoms(ids), extra_clearance_m=extra_clearance_m
         )
         return {world: conflict for world, conflict in zip(ids.tolist(), conflicts, strict=True) if conflict}
 
@@ -381,15 +394,15 @@ class Episodes:
         """Command the robots with validated actions (N, A), and set the joint targets of moving people."""
         self.simulation.command_robot(actions)
         if self._people.trained_humans is not None:
-            self.command_people(self._people.trained_humans.act(self.human_observation()))
+            self.command_people(self._people.trained_humans.act(self.observe_humans()))
         if not self._people.moves_every_physics_step:
             self._command_people_by_themselves()
 
     def _command_people_by_themselves(self) -> None:
         if self._people.is_moving:
-            self.simulation.command_person(*self._people.step(self.simulation.state))
+            self.simulation.command_person(*self._people.step(self.simulation.get_state))
 
-    def partner_commands(
+    def generate_partner_commands(
         self, waiting: BoolArray, speed_factor: FloatArray
     ) -> Iterable[tuple[CommandName, BoolArray]]:
         """Returns the commands of simulated people for the next control step, each with a mask (N,) of worlds.
@@ -407,7 +420,7 @@ class Episodes:
         This also moves people with a behaviour model. ``count`` divides ``DEFAULT_SUBSTEPS``.
         """
         if self._people.moves_every_physics_step:
-            targets = self._people.next_joint_targets(self.simulation.state, count)
+            targets = self._people.advance_joint_targets(self.simulation.get_state, count)
             self.simulation.step(count, targets)
             return
         if substep > 0 and substep % DEFAULT_SUBSTEPS == 0:
@@ -430,7 +443,7 @@ class Episodes:
 
         Args:
             action: (N, K), speed of each of ``offered_joints``, divided by its maximum
-                ``people.motor.MAX_JOINT_SPEED_RAD_S``. Values are clipped to [−1, 1]. No joint exceeds its range.
+                ``people.motor_model.MAX_JOINT_SPEED_RAD_S``. Values are clipped to [−1, 1]. No joint exceeds its range.
         """
         self._people.command_joint_targets(action)
 
@@ -440,21 +453,21 @@ class Episodes:
         This also removes particles that are no longer needed. Rewards and their terms become 0 in the worlds of the
         mask ``unrewarded`` (N,).
         """
-        state = self.simulation.state()
-        clipped = namespace(actions).clip(actions, -1.0, 1.0)
+        state = self.simulation.get_state()
+        clipped = get_namespace(actions).clip(actions, -1.0, 1.0)
         result = self.task.evaluate_step(state, clipped, self.task_state)
         self.task_state = result.task_state
-        self.simulation.remove_particles(result.gone)
+        self.simulation.remove_particles(result.removed_particles_mask)
         if unrewarded is not None:
-            terms = {name: np.where(unrewarded, 0.0, term) for name, term in result.terms.items()}
-            result = replace(result, terms=terms)
+            terms = {name: np.where(unrewarded, 0.0, term) for name, term in result.reward_terms.items()}
+            result = replace(result, reward_terms=terms)
         return self._step(state, result, actions)
 
     def evaluate_state(self) -> StepOutcome:
         """Returns the result of a step with zero actions that ends in the current state. Task states do not change."""
-        state = self.simulation.state()
+        state = self.simulation.get_state()
         rest = to_device_of(
-            np.zeros((self.simulation.num_worlds, self.action_size)), self.simulation.example_array
+            np.zeros((self.simulation.num_worlds, self.action_size)), self.simulation.reference_array
         )
         return self.control_loop.add_interventions(
             self._step(state, self.task.evaluate_step(state, rest, self.task_state), rest), rest
@@ -462,42 +475,42 @@ class Episodes:
 
     def _step(self, state: State, result: StepResult, actions: FloatArray) -> StepOutcome:
         return StepOutcome(
-            observation=self.observation.compute(state, self.task_state),
-            reward=self.task.reward(result.terms),
-            reward_terms=result.terms,
+            observation=self.observation_spec.compute(state, self.task_state),
+            reward=self.task.compute_reward(result.reward_terms),
+            reward_terms=result.reward_terms,
             success=result.success,
             distance_m=result.distance_m,
             force_on_person_n=result.force_on_person_n,
             tool_speed_m_s=transforms.norm(state.tool_velocity_w),
-            events=result.events,
+            num_events=result.num_events,
             executed_action=actions,
         )
 
-    def state(self) -> State:
+    def get_state(self) -> State:
         """Returns the current physical state of all worlds, for tasks and experts."""
-        return self.simulation.state()
+        return self.simulation.get_state()
 
     def observe(self) -> FloatArray:
         """Returns the observations (N, O) of the current state."""
-        return self.observation.compute(self.simulation.state(), self.task_state)
+        return self.observation_spec.compute(self.simulation.get_state(), self.task_state)
 
-    def human_observation(self) -> FloatArray:
+    def observe_humans(self) -> FloatArray:
         """Returns the observations (N, H) of the human agents, see ``HumanObserver``."""
         return self.human_observer.compute(self.human_observer.make_inputs(self.simulation, self.task_state))
 
-    def human_reward(self, step: StepOutcome, action: FloatArray, *, shared: bool) -> FloatArray:
+    def compute_human_reward(self, step: StepOutcome, action: FloatArray, *, shared: bool) -> FloatArray:
         """Returns the reward (N,) of people with actions (N, K).
 
         If ``shared``, it is the reward of the robots. Otherwise the action penalty of the people replaces that of the
         robots.
         """
-        weight = self.task.weights.get(ACTION_PENALTY_TERM, 0.0)
+        weight = self.task.reward_weights.get(ACTION_PENALTY_TERM, 0.0)
         if shared or not weight:
             return step.reward
         acted = np.clip(action, -1.0, 1.0)
         return step.reward + weight * ((acted * acted).sum(axis=-1) - step.reward_terms[ACTION_PENALTY_TERM])
 
-    def images(
+    def render_images(
         self, cameras: Sequence[CameraSpec], worlds: Iterable[int] | None = None
     ) -> dict[str, NumpyArray]:
         """Returns images (n, ...) of the current state of some or all worlds, by the names of their entries.
@@ -508,25 +521,25 @@ class Episodes:
             RuntimeError: if rendering fails. The message contains a setting that may help.
         """
         if self._images is None or self._images.cameras != tuple(cameras):
-            from avrgym.tasks.camera_images import CameraImages  # loads a graphics library
+            from avrgym.tasks.camera_images import CameraImageRenderer  # loads a graphics library
 
-            self.close_images()
-            self._images = CameraImages(self, cameras)
-        return self._images.images(worlds)
+            self.close_renderer()
+            self._images = CameraImageRenderer(self, cameras)
+        return self._images.render_images(worlds)
 
-    def close_images(self) -> None:
-        """Free the graphics memory that ``images`` uses."""
+    def close_renderer(self) -> None:
+        """Free the graphics memory that ``render_images`` uses."""
         if self._images is not None:
             self._images.close()
             self._images = None
 
-    def marker_positions_w(self) -> FloatArray:
-        """Returns the positions (N, ``task.marks.count``, 3) of the task's markers in the world frame."""
-        if self.task.marks is None:
+    def compute_marker_positions_w(self) -> FloatArray:
+        """Returns the positions (N, ``task.markers.count``, 3) of the task's markers in the world frame."""
+        if self.task.markers is None:
             return np.zeros((self.simulation.num_worlds, 0, 3))
-        return self.task.marks.places(self.simulation.arm_poses(), self.task_state)
+        return self.task.markers.compute_positions_w(self.simulation.get_arm_poses(), self.task_state)
 
-    def person_of_world(self, world: int) -> Person:
+    def get_person(self, world: int) -> Person:
         """Returns the person in the current episode of a world."""
-        person, fixed = self.people.person_at(world), self._people.person
+        person, fixed = self.people.get_person(world), self._people.fixed_person
         return person if fixed is None else replace(person, absent_arms=fixed.absent_arms)

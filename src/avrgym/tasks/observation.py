@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.geometry.arrays import namespace
+from avrgym.geometry.arrays import get_namespace
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import State
-from avrgym.tasks.placement import arm_chain
+from avrgym.tasks.placement import make_arm_chain
 
 EntryFunction = Callable[[State, Any], FloatArray]
 """Function that computes the values of an entry (N, k), or (N,) for one value. Arguments: state and task state."""
@@ -42,12 +42,12 @@ class ObservationEntry:
     scale: float | None = None
 
 
-def position_entry(name: str, compute: EntryFunction) -> ObservationEntry:
+def make_position_entry(name: str, compute: EntryFunction) -> ObservationEntry:
     """Returns an entry of three coordinates in metres, relative to a point within reach."""
     return ObservationEntry(name, 3, MAX_DISTANCE_M, compute)
 
 
-def goal_offset_entry(name: str, compute: EntryFunction) -> ObservationEntry:
+def make_goal_offset_entry(name: str, compute: EntryFunction) -> ObservationEntry:
     """Returns an entry of the tool's offset from its goal in metres.
 
     Its scale is fixed: the variance over whole episodes is too large to resolve centimetres near the goal.
@@ -55,23 +55,23 @@ def goal_offset_entry(name: str, compute: EntryFunction) -> ObservationEntry:
     return ObservationEntry(name, 3, MAX_DISTANCE_M, compute, scale=0.05)
 
 
-def quaternion_entry(name: str, compute: EntryFunction) -> ObservationEntry:
+def make_quaternion_entry(name: str, compute: EntryFunction) -> ObservationEntry:
     """Returns an entry of a rotation: a unit quaternion w, x, y, z."""
     return ObservationEntry(name, 4, MAX_QUATERNION_COMPONENT, compute)
 
 
-def joint_positions_entry(name: str, count: int, compute: EntryFunction) -> ObservationEntry:
+def make_joint_positions_entry(name: str, count: int, compute: EntryFunction) -> ObservationEntry:
     """Returns an entry of joint positions in radians or metres."""
     return ObservationEntry(name, count, MAX_ANGLE_RAD, compute)
 
 
-def force_entry(name: str, compute: EntryFunction) -> ObservationEntry:
+def make_force_entry(name: str, compute: EntryFunction) -> ObservationEntry:
     """Returns an entry of the magnitude of a force in newtons."""
     return ObservationEntry(name, 1, MAX_FORCE_N, compute)
 
 
 @dataclass(frozen=True)
-class Observation:
+class ObservationSpec:
     """An observation: its entries, in order.
 
     Raises:
@@ -104,7 +104,7 @@ class Observation:
         return self._each([np.nan if entry.scale is None else entry.scale for entry in self.entries])
 
     @property
-    def entry_ends(self) -> IntArray:
+    def entry_end_indices(self) -> IntArray:
         """Index after the last value of each entry, as an array with one index per entry."""
         return np.cumsum([entry.size for entry in self.entries])
 
@@ -125,10 +125,10 @@ class Observation:
                     f"entry {entry.name} of the observation computed {part.shape[1]} values; allowed: "
                     f"{entry.size}, its size"
                 )
-        return namespace(*parts).concat(parts, axis=-1)
+        return get_namespace(*parts).concat(parts, axis=-1)
 
 
-def value_names(observation: Observation) -> list[str]:
+def list_value_names(observation: ObservationSpec) -> list[str]:
     """Returns a name for each value of an observation, such as ``tool_from_torso_m_x``."""
     ends = {1: ("",), 3: ("_x", "_y", "_z"), 4: ("_w", "_x", "_y", "_z")}
     return [
@@ -144,13 +144,13 @@ MEASURED_ENTRIES = (
 """Names of the entries that a robot measures itself: joint positions, the tool's pose and the force at the tool."""
 
 
-def robot_measured_mask(observation: Observation) -> BoolArray:
+def make_robot_measured_mask(observation: ObservationSpec) -> BoolArray:
     """Returns a mask (O,) of the values that the robot measures itself. The others need cameras or other sensors."""
     measured = [entry.name in MEASURED_ENTRIES for entry in observation.entries]
     return np.repeat(measured, [entry.size for entry in observation.entries])
 
 
-def joint_positions(scene: SceneConfig) -> ObservationEntry:
+def make_arm_joint_positions_entry(scene: SceneConfig) -> ObservationEntry:
     """Returns an entry of the arm's joint positions.
 
     For a driving base, x, y and yaw relative to its start follow. The name is ``arm_angles_rad`` for arms of hinges on
@@ -158,43 +158,47 @@ def joint_positions(scene: SceneConfig) -> ObservationEntry:
     """
     count, drives = len(scene.arm.joints), scene.robot.drive is not None
     if drives:
-        return joint_positions_entry("joint_positions", count + 3, _joint_positions_and_base)
-    name = "joint_positions" if arm_chain(scene).slide_joints else "arm_angles_rad"
-    return joint_positions_entry(name, count, lambda state, _: state.joint_positions)
+        return make_joint_positions_entry("joint_positions", count + 3, _joint_positions_and_base)
+    name = "joint_positions" if make_arm_chain(scene).slide_joints else "arm_angles_rad"
+    return make_joint_positions_entry(name, count, lambda state, _: state.joint_positions)
 
 
 def _joint_positions_and_base(state: State, _: Any) -> FloatArray:
     parts = [state.joint_positions, state.base_displacement]
-    return namespace(*parts).concat(parts, axis=-1)
+    return get_namespace(*parts).concat(parts, axis=-1)
 
 
 def _right_arm(joint: int) -> EntryFunction:
-    return lambda state, _: state.right_arm_pos_w[:, joint] - state.robot_pos_w
+    return lambda state, _: state.right_arm_pos_w[:, joint] - state.robot_torso_pos_w
 
 
-TOOL_FROM_ROBOT = position_entry("tool_from_torso_m", lambda state, _: state.tool_pos_w - state.robot_pos_w)
-TOOL_ROTATION = quaternion_entry("tool_rotation", lambda state, _: state.tool_q_w)
-TOOL_FROM_MOUTH = goal_offset_entry(
+TOOL_FROM_ROBOT = make_position_entry(
+    "tool_from_torso_m", lambda state, _: state.tool_pos_w - state.robot_torso_pos_w
+)
+TOOL_ROTATION = make_quaternion_entry("tool_rotation", lambda state, _: state.tool_quat_w)
+TOOL_FROM_MOUTH = make_goal_offset_entry(
     "tool_from_mouth_m", lambda state, _: state.tool_pos_w - state.mouth_pos_w
 )
-TOOL_FORCE = force_entry("tool_force_n", lambda state, _: state.tool_force_n)
-HEAD_FROM_ROBOT = position_entry("head_from_torso_m", lambda state, _: state.head_pos_w - state.robot_pos_w)
-HEAD_ROTATION = quaternion_entry("head_rotation", lambda state, _: state.head_q_w)
+TOOL_FORCE = make_force_entry("tool_force_n", lambda state, _: state.tool_force_n)
+HEAD_FROM_ROBOT = make_position_entry(
+    "head_from_torso_m", lambda state, _: state.head_pos_w - state.robot_torso_pos_w
+)
+HEAD_ROTATION = make_quaternion_entry("head_rotation", lambda state, _: state.head_quat_w)
 RIGHT_ARM_FROM_ROBOT = tuple(
-    position_entry(f"{name}_from_torso_m", _right_arm(joint))
+    make_position_entry(f"{name}_from_torso_m", _right_arm(joint))
     for joint, name in enumerate(("shoulder", "elbow", "wrist"))
 )
 """Common entries. Positions ``…_FROM_ROBOT`` are relative to the robot's torso, with the axes of the world frame."""
 
 
-def make_mouth_task_observation(scene: SceneConfig) -> Observation:
+def make_mouth_task_observation_spec(scene: SceneConfig) -> ObservationSpec:
     """Returns the observation of the tasks feeding and drinking: tool, robot arm and head."""
-    return Observation(
+    return ObservationSpec(
         (
             TOOL_FROM_ROBOT,
             TOOL_ROTATION,
             TOOL_FROM_MOUTH,
-            joint_positions(scene),
+            make_arm_joint_positions_entry(scene),
             HEAD_FROM_ROBOT,
             HEAD_ROTATION,
             TOOL_FORCE,

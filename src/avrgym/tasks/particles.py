@@ -2,7 +2,7 @@
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import capsules
-from avrgym.geometry.arrays import indices_to_compute, namespace
+from avrgym.geometry.arrays import find_indices_to_compute, get_namespace
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
 
@@ -11,7 +11,7 @@ FLOOR_HEIGHT_M = 0.03
 """Height in metres below which particles have reached the floor."""
 
 
-def particles_on_person(state: State, radius_m: float, candidates: BoolArray) -> BoolArray:
+def find_particles_on_person(state: State, radius_m: float, candidates: BoolArray) -> BoolArray:
     """Returns the mask (N, K) of those ``candidates`` (N, K) that touch the person.
 
     A particle touches the person within 2 mm of a capsule's surface. The distance is not computed for particles that
@@ -19,9 +19,9 @@ def particles_on_person(state: State, radius_m: float, candidates: BoolArray) ->
     """
     margin = radius_m + TOUCH_MARGIN_M
     reach = norm(state.particle_pos_w - state.tool_pos_w[:, None]) + margin
-    xp = namespace(reach)
+    xp = get_namespace(reach)
     near = candidates & (reach > xp.min(_gaps(state, state.tool_pos_w), axis=-1)[:, None])
-    world, particle = indices_to_compute(near)
+    world, particle = find_indices_to_compute(near)
     gaps = _gaps(state, state.particle_pos_w[world, particle], world)
     touching = xp.zeros_like(candidates)
     touching[world, particle] = (gaps < margin).any(axis=-1)
@@ -30,7 +30,7 @@ def particles_on_person(state: State, radius_m: float, candidates: BoolArray) ->
 
 def _gaps(state: State, point_w: FloatArray, world: IntArray | slice = slice(None)) -> FloatArray:
     """Returns the distances (n, G) in metres of points (n, 3) from the person's capsules in the worlds ``world``."""
-    segment_w = state.person_segment_w[world]
+    segment_w = state.person_capsule_ends_w[world]
     distance = capsules.point_segment_distance(point_w[:, None], segment_w[:, :, 0], segment_w[:, :, 1])
     return distance - state.person_radius_m[world]
 

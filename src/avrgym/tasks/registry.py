@@ -13,19 +13,19 @@ from avrgym.models.robot import Robot, UnsuitableRobotError
 from avrgym.models.scene import SceneConfig
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.system import plugins
-from avrgym.system.optional_robots import install_hint
-from avrgym.system.used_plugins import UsedPlugin, plugin_of_entry_point
+from avrgym.system.optional_robots import format_install_hint
+from avrgym.system.used_plugins import UsedPlugin, make_plugin_from_entry_point
 from avrgym.tasks.arm_manipulation.task import ARM_MANIPULATION
 from avrgym.tasks.bed_bathing.task import BED_BATHING
-from avrgym.tasks.constants import environment_id
+from avrgym.tasks.constants import make_environment_id
 from avrgym.tasks.dressing.task import DRESSING
 from avrgym.tasks.drinking.task import DRINKING
 from avrgym.tasks.feeding.task import FEEDING
-from avrgym.tasks.scene_settings import has_furniture, scene_with_settings
+from avrgym.tasks.scene_settings import apply_scene_settings, has_furniture
 from avrgym.tasks.scratch_itch.task import SCRATCH_ITCH
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.tasks.task import Task
-from avrgym.tasks.task_in_frame import goal_for_other_arm, task_in_frame
+from avrgym.tasks.task_transform import exchange_arm_in_goal, transform_task
 
 
 class TaskRegistry:
@@ -37,7 +37,7 @@ class TaskRegistry:
         self.environments: dict[str, tuple[str, str]] = {}
         self.skipped_plugins: list[plugins.SkippedPlugin] = []
 
-    def add(self, task: Task) -> None:
+    def register_task(self, task: Task) -> None:
         """Register a task with all suitable robots. A robot is skipped if the task's scene or observation fails.
 
         Raises:
@@ -51,7 +51,7 @@ class TaskRegistry:
                 f"task {task.name}: no robot has the required arm, mount and grip; add them to one of these robots: "
                 f"{', '.join(self.robots)}"
             )
-        made = {environment_id(task.name, robot): (task.name, robot) for robot in suited}
+        made = {make_environment_id(task.name, robot): (task.name, robot) for robot in suited}
         taken = ", ".join(made.keys() & self.environments)
         if taken:
             raise ValueError(f"the environment id {taken} is already in use; choose another task name")
@@ -60,12 +60,12 @@ class TaskRegistry:
 
     def _is_suited(self, robot: Robot, task: Task) -> bool:
         try:
-            task.observation(task.scene(robot))
+            task.make_observation_spec(task.make_scene(robot))
         except UnsuitableRobotError:
             return False
         except (Exception, SystemExit) as error:  # plug-ins may raise any exception
             self.skipped_plugins.append(
-                plugins.log_skipped_plugin(environment_id(task.name, robot.name), error)
+                plugins.log_skipped_plugin(make_environment_id(task.name, robot.name), error)
             )
             return False
         return True
@@ -74,8 +74,10 @@ class TaskRegistry:
 def _build_registry() -> TaskRegistry:
     registry = TaskRegistry(ROBOTS)
     for task in (FEEDING, DRINKING, SCRATCH_ITCH, BED_BATHING, DRESSING, ARM_MANIPULATION):
-        registry.add(task)
-    registry.skipped_plugins += plugins.load_plugins(plugins.TASK_GROUP, Task, registry.add)
+        registry.register_task(task)
+    registry.skipped_plugins += plugins.load_plugins(
+        plugins.TASK_ENTRY_POINT_GROUP, Task, registry.register_task
+    )
     return registry
 
 
@@ -95,12 +97,13 @@ def find_environment(environment_id: str) -> tuple[str, str]:
     """
     if environment_id not in ENVIRONMENTS:
         raise ValueError(
-            f"unknown environment {environment_id!r}; allowed: {', '.join(ENVIRONMENTS)}{install_hint(environment_id)}"
+            f"unknown environment {environment_id!r}; allowed: "
+            f"{', '.join(ENVIRONMENTS)}{format_install_hint(environment_id)}"
         )
     return ENVIRONMENTS[environment_id]
 
 
-def plugins_of(environment_id: str) -> tuple[UsedPlugin, ...]:
+def find_plugins(environment_id: str) -> tuple[UsedPlugin, ...]:
     """Returns the plug-ins that register the task or robot of an environment.
 
     Raises:
@@ -108,14 +111,16 @@ def plugins_of(environment_id: str) -> tuple[UsedPlugin, ...]:
     """
     task, robot = find_environment(environment_id)
     of_task, of_robot = (
-        plugins.entry_point_of(plugins.TASK_GROUP, task),
-        plugins.entry_point_of(plugins.ROBOT_GROUP, robot),
+        plugins.find_entry_point(plugins.TASK_ENTRY_POINT_GROUP, task),
+        plugins.find_entry_point(plugins.ROBOT_ENTRY_POINT_GROUP, robot),
     )
-    found = () if of_task is None else (plugin_of_entry_point("task", task, of_task),)
-    return found if of_robot is None else (*found, plugin_of_entry_point("robot", robot, of_robot))
+    found = () if of_task is None else (make_plugin_from_entry_point("task", task, of_task),)
+    return found if of_robot is None else (*found, make_plugin_from_entry_point("robot", robot, of_robot))
 
 
-def task_and_scene(environment_id: str, settings: Settings = DEFAULT_SETTINGS) -> tuple[Task, SceneConfig]:
+def find_task_and_scene(
+    environment_id: str, settings: Settings = DEFAULT_SETTINGS
+) -> tuple[Task, SceneConfig]:
     """Returns the task and the scene of an environment, with settings applied.
 
     Raises:
@@ -123,7 +128,7 @@ def task_and_scene(environment_id: str, settings: Settings = DEFAULT_SETTINGS) -
     """
     name, robot = find_environment(environment_id)
     if settings == DEFAULT_SETTINGS:
-        return TASKS[name], TASKS[name].scene(find_robot(robot))
+        return TASKS[name], TASKS[name].make_scene(find_robot(robot))
     return _with_settings(name, robot, settings)
 
 
@@ -133,25 +138,29 @@ def _with_settings(name: str, robot: str, settings: Settings) -> tuple[Task, Sce
 
     The same settings return the same objects, because models are cached by scene.
     """
-    task = TASKS[name].with_settings(settings)
+    task = TASKS[name].apply_settings(settings)
     if settings.served_arm is not None and task.served_arm is None:
         raise ValueError(f"task {name} has no setting served_arm; remove this setting")
     mirrored = settings.served_arm not in (None, task.served_arm)
-    scene = scene_with_settings(task.scene(find_robot(robot)), settings, mirrored=mirrored)
-    if scene.task_scene is None:
+    scene = apply_scene_settings(task.make_scene(find_robot(robot)), settings, mirrored=mirrored)
+    if scene.transformed_scene is None:
         return task, scene
-    frame = scene.task_scene.task_frame
-    if frame.rise_m and has_furniture(scene, "table_offset_m"):
+    frame = scene.transformed_scene.task_frame
+    if frame.height_offset_m and has_furniture(scene, "table_offset_m"):
         x, y, z = settings.table_offset_m or (0.0, 0.0, 0.0)
-        lowered = msgspec.structs.replace(settings, table_offset_m=(x, y, z - frame.rise_m))
-        task = TASKS[name].with_settings(lowered)
-    return task_in_frame(task, frame, scene.tool.mirror_axis), scene
+        lowered = msgspec.structs.replace(settings, table_offset_m=(x, y, z - frame.height_offset_m))
+        task = TASKS[name].apply_settings(lowered)
+    return transform_task(task, frame, scene.tool.mirror_axis), scene
 
 
-def task_goal(name: str, settings: Settings) -> str:
+def get_goal_description(name: str, settings: Settings) -> str:
     """Returns the goal text of a task, for the person's arm in ``Settings.served_arm``."""
     task = TASKS[name]
-    return task.goal if settings.served_arm in (None, task.served_arm) else goal_for_other_arm(task.goal)
+    return (
+        task.goal_description
+        if settings.served_arm in (None, task.served_arm)
+        else exchange_arm_in_goal(task.goal_description)
+    )
 
 
 def describe_missing_arm(tasks: Iterable[tuple[str, Settings]], absent_arms: Collection[Side]) -> str:
@@ -169,21 +178,21 @@ def describe_missing_arm(tasks: Iterable[tuple[str, Settings]], absent_arms: Col
     return ""
 
 
-def instruction(environment_id: str, settings: Settings = DEFAULT_SETTINGS) -> str:
+def make_policy_instruction(environment_id: str, settings: Settings = DEFAULT_SETTINGS) -> str:
     """Returns the task of an environment as an instruction for policies that take language.
 
     Raises:
         ValueError: for an unknown id. The message lists the ids.
     """
-    goal = task_goal(find_environment(environment_id)[0], settings)
+    goal = get_goal_description(find_environment(environment_id)[0], settings)
     return f"Help the person: {goal[0].lower()}{goal[1:]}".replace(" your ", " their ")
 
 
-def observation_and_action_size(environment_id: str) -> tuple[int, int]:
+def get_observation_and_action_size(environment_id: str) -> tuple[int, int]:
     """Returns the lengths O and A of observations and actions in an environment.
 
     Raises:
         ValueError: for an unknown id. The message lists the ids.
     """
-    task, scene = task_and_scene(environment_id)
-    return task.observation(scene).size, len(scene.action_names)
+    task, scene = find_task_and_scene(environment_id)
+    return task.make_observation_spec(scene).size, len(scene.action_names)

@@ -11,8 +11,8 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import capsules, kinematics, transforms
 from avrgym.models import collision_bits
-from avrgym.models.scene import TOOL_BODY, SceneConfig, robot_with_tool
-from avrgym.models.self_collision import collision_pairs
+from avrgym.models.scene import TOOL_BODY, SceneConfig, build_robot_with_tool_spec
+from avrgym.models.self_collision import find_collision_pairs
 from avrgym.models.task_frame import LINK_MIRROR_FACTORS
 from avrgym.people.arm_clearance import Boxes
 
@@ -37,10 +37,10 @@ class ArmCapsules:
 
 
 @cache
-def arm_capsules(scene: SceneConfig, chain: kinematics.Chain) -> ArmCapsules:
+def make_arm_capsules(scene: SceneConfig, chain: kinematics.Chain) -> ArmCapsules:
     """Returns capsules around the collision geoms of the moving arm and of a driving base.
 
-    ``chain`` is the scene's ``placement.planning_chain``.
+    ``chain`` is the scene's ``placement.make_planning_chain``.
     """
     moving = [capsule for capsule in _robot_capsules(scene) if capsule.link >= 0]
     links = tuple(_part(chain, count) for count in range(1, len(chain.lower_limit) + 1))
@@ -66,7 +66,7 @@ class SelfCollisionShape:
 
 
 @cache
-def self_collision_shape(scene: SceneConfig, chain: kinematics.Chain) -> SelfCollisionShape:
+def make_self_collision_shape(scene: SceneConfig, chain: kinematics.Chain) -> SelfCollisionShape:
     """Returns the capsules of a scene's robot, and the pairs of capsules that may collide.
 
     Capsules are larger than the links. Pairs of capsules that overlap at the seed pose are therefore excluded.
@@ -80,7 +80,7 @@ def self_collision_shape(scene: SceneConfig, chain: kinematics.Chain) -> SelfCol
         np.array([capsule.radius_m for capsule in capsules_of]),
         np.zeros(len(capsules_of), bool),
     )
-    colliding = collision_pairs(scene.robot, scene.arm)
+    colliding = find_collision_pairs(scene.robot, scene.arm)
     pairs = [
         (one, other)
         for (one, first), (other, second) in combinations(enumerate(capsules_of), 2)
@@ -93,11 +93,11 @@ def self_collision_shape(scene: SceneConfig, chain: kinematics.Chain) -> SelfCol
     return SelfCollisionShape(arm, found.capsule_pairs[apart])
 
 
-def min_self_distance_m(
+def compute_min_self_distance_m(
     scene: SceneConfig, chain: kinematics.Chain, joint_positions: FloatArray
 ) -> FloatArray:
     """Returns the smallest distance (N,) in metres between links that may collide, at joint positions (N, J)."""
-    return _pair_gaps_m(self_collision_shape(scene, chain), joint_positions).min(axis=-1, initial=np.inf)
+    return _pair_gaps_m(make_self_collision_shape(scene, chain), joint_positions).min(axis=-1, initial=np.inf)
 
 
 def _pair_gaps_m(shape: SelfCollisionShape, joint_positions: FloatArray) -> FloatArray:
@@ -133,14 +133,14 @@ class _Capsule(NamedTuple):
 
 def _robot_capsules(scene: SceneConfig) -> list[_Capsule]:
     """Returns capsules around the collision geoms of the robot and its tool."""
-    model = robot_with_tool(scene, appearance=False).compile()
+    model = build_robot_with_tool_spec(scene, appearance=False).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     base = model.body(scene.robot.base).id
     bodies = [int(model.joint(name).bodyid[0]) for name in scene.arm.joints]
     if scene.robot.drive is not None:
         bodies.insert(0, base)
-    sides = LINK_MIRROR_FACTORS if scene.task_frame.mirrored else 1.0
+    sides = LINK_MIRROR_FACTORS if scene.task_frame.is_mirrored else 1.0
     found: list[_Capsule] = []
     for geom in np.nonzero(model.geom_group == collision_bits.COLLISION_GROUP)[0]:
         carrier = _carrier(model, int(model.geom_bodyid[geom]), bodies)
@@ -155,7 +155,7 @@ def _robot_capsules(scene: SceneConfig) -> list[_Capsule]:
 
 
 @cache
-def fixed_furniture_boxes(scene: SceneConfig) -> Boxes:
+def make_fixed_furniture_boxes(scene: SceneConfig) -> Boxes:
     """Returns boxes around the collision geoms of the furniture, in the scene's frame. Movable bodies are excluded."""
     spec = mujoco.MjSpec()
     for add in scene.furniture:
@@ -169,7 +169,9 @@ def fixed_furniture_boxes(scene: SceneConfig) -> Boxes:
     ]
     centre, half = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
     q_w = transforms.from_matrix(data.geom_xmat[geoms].reshape(-1, 3, 3))
-    return Boxes(data.geom_xpos[geoms] + transforms.rotate(q_w, centre), q_w, half).in_frame(scene.task_frame)
+    return Boxes(data.geom_xpos[geoms] + transforms.rotate(q_w, centre), q_w, half).transform_to_frame(
+        scene.task_frame
+    )
 
 
 class RobotClearance:
@@ -180,19 +182,19 @@ class RobotClearance:
     ) -> None:
         """Store the shapes of arm and furniture, and the initial poses of the robots' bases, (N, 3) and (N, 4).
 
-        ``chain`` is the scene's ``placement.planning_chain``.
+        ``chain`` is the scene's ``placement.make_planning_chain``.
         """
-        self._shape, self._boxes = arm_capsules(scene, chain), fixed_furniture_boxes(scene)
+        self._shape, self._boxes = make_arm_capsules(scene, chain), make_fixed_furniture_boxes(scene)
         self._base_pos_w, self._base_q_w = (part[:, None, None, None] for part in (base_pos_w, base_q_w))
 
-    def min_distance_m(
+    def compute_min_distance_m(
         self, joint_positions: FloatArray, segments_w: FloatArray, radii_m: FloatArray, *, tool: bool
     ) -> FloatArray:
         """Returns the smallest distance (N, M) in metres between the arm and person or furniture. It is negative for an
         overlap.
 
         Args:
-            joint_positions: M arm poses (N, M, J), joints of ``placement.planning_chain``.
+            joint_positions: M arm poses (N, M, J), joints of ``placement.make_planning_chain``.
             segments_w: ends (N, G, 2, 3) of the axes of the person's capsules, world frame.
             radii_m: radii (N, G) of these capsules.
             tool: whether to include the tool. The hand is always included.
@@ -203,11 +205,11 @@ class RobotClearance:
         to_person = capsules.segment_distance(start, end, person[..., 0, :], person[..., 1, :])
         to_person = (to_person - radii_m[:, None, None]).min(axis=-1)
         boxes = self._boxes
-        to_boxes = capsules.segment_box_distance(boxes.pos_w, boxes.q_w, boxes.half_size_m, start, end)
+        to_boxes = capsules.segment_box_distance(boxes.pos_w, boxes.quat_w, boxes.half_size_m, start, end)
         to_axis = np.minimum(to_person, to_boxes.min(axis=-1))
         return (to_axis - self._shape.radius_m[counts]).min(axis=-1)
 
-    def furniture_distance_m(self, joint_positions: FloatArray) -> FloatArray:
+    def compute_furniture_distance_m(self, joint_positions: FloatArray) -> FloatArray:
         """Returns the smallest distance (N,) in metres between the arm and furniture, at joint positions (N, J).
 
         Arm and hand are included, the tool is not.
@@ -215,7 +217,7 @@ class RobotClearance:
         counts = np.nonzero(~self._shape.is_tool)[0]
         start, end = np.moveaxis(self._ends_w(joint_positions[:, None])[:, :, counts, None], -2, 0)
         boxes = self._boxes
-        to_boxes = capsules.segment_box_distance(boxes.pos_w, boxes.q_w, boxes.half_size_m, start, end)
+        to_boxes = capsules.segment_box_distance(boxes.pos_w, boxes.quat_w, boxes.half_size_m, start, end)
         return (to_boxes.min(axis=-1) - self._shape.radius_m[counts]).min(axis=-1)[:, 0]
 
     def _ends_w(self, joint_positions: FloatArray) -> FloatArray:
@@ -249,10 +251,10 @@ def _part(chain: kinematics.Chain, count: int) -> kinematics.Chain:
     return replace(
         chain,
         body_pos=chain.body_pos[:count],
-        body_q=chain.body_q[:count],
+        body_quat=chain.body_quat[:count],
         joint_axis=chain.joint_axis[:count],
         tip_pos=np.zeros(3),
-        tip_q=transforms.IDENTITY_QUATERNION,
+        tip_quat=transforms.IDENTITY_QUATERNION,
         lower_limit=chain.lower_limit[:count],
         upper_limit=chain.upper_limit[:count],
         slide_joints=frozenset(joint for joint in chain.slide_joints if joint < count),

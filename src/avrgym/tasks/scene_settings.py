@@ -6,16 +6,16 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from avrgym.models.furniture.bed import MATTRESS_TOP_M
+from avrgym.models.furniture.bed import MATTRESS_TOP_HEIGHT_M
 from avrgym.models.furniture.wheelchair import SEAT_HEIGHT_M
-from avrgym.models.robot import SIDES, Arm, FurnitureBuilder, Mount, Robot, robot_as_furniture
+from avrgym.models.robot import ROBOT_ARM_SIDES, Arm, FurnitureBuilder, Mount, Robot, make_robot_obstacle
 from avrgym.models.scene import SceneConfig
 from avrgym.models.task_frame import TaskFrame
 from avrgym.robots.registry import find_robot
 from avrgym.tasks.settings import Settings
 
 
-def scene_with_settings(scene: SceneConfig, settings: Settings, *, mirrored: bool) -> SceneConfig:
+def apply_scene_settings(scene: SceneConfig, settings: Settings, *, mirrored: bool) -> SceneConfig:
     """Returns the scene with the settings applied.
 
     ``mirrored``: the robot works on the person's other arm, from the other side. A robot with two arms uses its other
@@ -33,14 +33,16 @@ def scene_with_settings(scene: SceneConfig, settings: Settings, *, mirrored: boo
             raise ValueError(f"the scene has no furniture for the setting {name}; remove this setting")
     if mirrored:
         given["mirrored"] = True
-    mount = _mount(scene.mount, settings, mirrored=mirrored, rise_m=(rise_m or 0.0) * scene.posture.seated)
+    mount = _mount(scene.mount, settings, mirrored=mirrored, rise_m=(rise_m or 0.0) * scene.posture.is_seated)
     furniture = [
-        mount.carrier if add is scene.mount.carrier and mount.carrier is not None else _with(add, given)
+        mount.carrier_builder
+        if add is scene.mount.carrier_builder and mount.carrier_builder is not None
+        else _with(add, given)
         for add in scene.furniture
     ]
     for number, (name, x, y, yaw_deg) in enumerate(settings.standing_by):
         furniture.append(
-            robot_as_furniture(find_robot(name), f"standing_by_{number}", (x, y), math.radians(yaw_deg))
+            make_robot_obstacle(find_robot(name), f"standing_by_{number}", (x, y), math.radians(yaw_deg))
         )
     changed = replace(
         scene,
@@ -64,16 +66,18 @@ _KEYWORDS = {
 
 def has_furniture(scene: SceneConfig, setting: str) -> bool:
     """Returns whether the scene has the furniture to which a setting applies."""
-    if setting in ("seat_height_m", "bed_height_m") and scene.posture.seated != (setting == "seat_height_m"):
+    if setting in ("seat_height_m", "bed_height_m") and scene.posture.is_seated != (
+        setting == "seat_height_m"
+    ):
         return False
     return any(_takes(add, _KEYWORDS[setting]) for add in scene.furniture)
 
 
 def _rise_m(scene: SceneConfig, settings: Settings) -> float | None:
     """Returns the height of seat or bed above its default height; ``None`` without this setting."""
-    if scene.posture.seated:
+    if scene.posture.is_seated:
         return None if settings.seat_height_m is None else settings.seat_height_m - SEAT_HEIGHT_M
-    return None if settings.bed_height_m is None else settings.bed_height_m - MATTRESS_TOP_M
+    return None if settings.bed_height_m is None else settings.bed_height_m - MATTRESS_TOP_HEIGHT_M
 
 
 def _in_frame(scene: SceneConfig, settings: Settings, frame: TaskFrame) -> SceneConfig:
@@ -86,20 +90,22 @@ def _in_frame(scene: SceneConfig, settings: Settings, frame: TaskFrame) -> Scene
     if frame == TaskFrame():
         return replace(scene, posture=posture)
     task_scene = replace(scene, posture=posture, mount=frame.transform_mount(scene.mount), task_frame=frame)
-    return replace(scene, posture=replace(posture, rise_m=frame.rise_m), task_scene=task_scene)
+    return replace(
+        scene, posture=replace(posture, height_offset_m=frame.height_offset_m), transformed_scene=task_scene
+    )
 
 
 def _mount(mount: Mount, settings: Settings, *, mirrored: bool, rise_m: float) -> Mount:
     """Returns the mount with the settings applied. A mount on the wheelchair rises with the seat."""
     if mirrored:
-        mount = mount.mirrored()
-    carrier = mount.carrier
+        mount = mount.mirror()
+    carrier = mount.carrier_builder
     if rise_m and isinstance(carrier, partial) and "mount_m" in carrier.keywords:
         (x, y, z), (_, _, height_m) = carrier.keywords["mount_m"], mount.pos_w
         mount = replace(
             mount,
             pos_w=(*mount.pos_w[:2], height_m + rise_m),
-            carrier=partial(carrier, mount_m=(x, y, z + rise_m)),
+            carrier_builder=partial(carrier, mount_m=(x, y, z + rise_m)),
         )
     if settings.robot_pose is not None:
         x, y, yaw_deg = settings.robot_pose
@@ -109,7 +115,7 @@ def _mount(mount: Mount, settings: Settings, *, mirrored: bool, rise_m: float) -
 
 def _other_arm(robot: Robot, arm: Arm) -> Arm:
     """Returns the other arm of a robot with two arms; otherwise the same arm."""
-    others = [robot.arms[side] for side in SIDES if side in robot.arms]
+    others = [robot.arms[side] for side in ROBOT_ARM_SIDES if side in robot.arms]
     return next((other for other in others if other.joints != arm.joints), arm)
 
 

@@ -137,7 +137,7 @@ def _refusal(name: str, value: object, allowed: str) -> ValueError:
     return ValueError(f"{name} is {value!r}; allowed: {allowed}")
 
 
-def settings_from_values(values: Mapping[str, Any]) -> Settings:
+def make_settings(values: Mapping[str, Any]) -> Settings:
     """Returns the settings, given plain values by name.
 
     Raises:
@@ -167,4 +167,4 @@ def parse_settings(lines: Sequence[str]) -> Settings:
             values[name] = tomllib.loads(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
             values[name] = text
-    return settings_from_values(values)
+    return make_settings(values)

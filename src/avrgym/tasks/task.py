@@ -10,15 +10,15 @@ import numpy as np
 from msgspec import Meta
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
-from avrgym.geometry.arrays import namespace, to_device_of
+from avrgym.geometry.arrays import get_namespace, to_device_of
 from avrgym.models.body_names import TRACKED_BODY_PARTS, Side, TrackedBodyPart
 from avrgym.models.human import JOINTS, People
 from avrgym.models.robot import Mount, Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.people.cooperation import OfferedBodyPart
-from avrgym.people.distributions import Pose
+from avrgym.people.distributions import PoseDistribution
 from avrgym.simulation.worlds import ArmPoses, InitialState, Simulation, State
-from avrgym.tasks.observation import Observation
+from avrgym.tasks.observation import ObservationSpec
 from avrgym.tasks.settings import TASK_SETTINGS, Settings
 
 TaskState = Any
@@ -45,21 +45,21 @@ class StepResult:
 
     Attributes:
         task_state: the new state of the task.
-        terms: unweighted reward terms by name, (N,) each. The names are those of ``Task.weights``.
+        reward_terms: unweighted reward terms by name, (N,) each. The names are those of ``Task.reward_weights``.
         distance_m: distance of the tool from its goal (N,).
         force_on_person_n: contact force of robot and tool on the person (N,).
         success: whether the task has succeeded up to this step (N,).
-        events: number of events, such as bites, in this step (N,). Each event plays a sound in VR.
-        gone: mask (N, K) of particles to remove; K is 0 for tools without particles.
+        num_events: number of events, such as bites, in this step (N,). Each event plays a sound in VR.
+        removed_particles_mask: mask (N, K) of particles to remove; K is 0 for tools without particles.
     """
 
     task_state: TaskState
-    terms: Mapping[str, FloatArray]
+    reward_terms: Mapping[str, FloatArray]
     distance_m: FloatArray
     force_on_person_n: FloatArray
     success: BoolArray
-    events: IntArray
-    gone: BoolArray
+    num_events: IntArray
+    removed_particles_mask: BoolArray
 
 
 class RunningEpisodes(Protocol):
@@ -80,7 +80,7 @@ class RunningEpisodes(Protocol):
         """The current state of the task in all worlds."""
         ...
 
-    def state(self) -> State:
+    def get_state(self) -> State:
         """Returns the current physical state of all worlds."""
         ...
 
@@ -91,14 +91,14 @@ Expert = Callable[[RunningEpisodes], Controller]
 """A function that creates a controller after a reset, for one episode."""
 
 
-class View(NamedTuple):
+class CameraView(NamedTuple):
     """Pose of a camera that views the scene.
 
-    ``look_at_w`` (3,) is the point in the centre of the image, world frame. ``distance_m`` is the distance of the
+    ``target_pos_w`` (3,) is the point in the centre of the image, world frame. ``distance_m`` is the distance of the
     camera from this point. The angles are those of MuJoCo's free camera.
     """
 
-    look_at_w: tuple[float, float, float]
+    target_pos_w: tuple[float, float, float]
     distance_m: float
     azimuth_deg: float
     elevation_deg: float
@@ -109,36 +109,36 @@ class View(NamedTuple):
         azimuth, elevation = np.radians([self.azimuth_deg, self.elevation_deg])
         across = np.cos(elevation)
         forward = np.array([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)])
-        return np.array(self.look_at_w) - self.distance_m * forward
+        return np.array(self.target_pos_w) - self.distance_m * forward
 
 
-WHEELCHAIR_SIDE_VIEW = View((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0)
+WHEELCHAIR_SIDE_CAMERA_VIEW = CameraView((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0)
 """View of a robot on the floor that brings a tool to the mouth of a person in a wheelchair."""
 
 
-class Views(NamedTuple):
+class CameraViews(NamedTuple):
     """Camera views for a mounted robot and for a robot on the floor, without occlusion by arm or person."""
 
-    mounted: View
-    on_floor: View
+    mounted_robot_view: CameraView
+    floor_robot_view: CameraView
 
-    def of_mount(self, mount: Mount) -> View:
+    def select_view(self, mount: Mount) -> CameraView:
         """Returns the view for a robot with this mount: on furniture or on the floor."""
-        return self.on_floor if mount.on_floor else self.mounted
+        return self.floor_robot_view if mount.is_on_floor else self.mounted_robot_view
 
 
 @dataclass(frozen=True)
-class Marks:
+class Markers:
     """Markers that a task draws on the person's arm, such as an itch.
 
-    ``count`` is their number in each world. ``places(arms, task_state)`` returns their positions (N, ``count``, 3) in
-    the world frame, in metres. The positions of hidden markers are below the floor.
+    ``num_markers`` is their number in each world. ``places(arms, task_state)`` returns their positions (N,
+    ``num_markers``, 3) in the world frame, in metres. The positions of hidden markers are below the floor.
     """
 
-    count: int
+    num_markers: int
     radius_m: float
     rgb: tuple[float, float, float]
-    places: Callable[[ArmPoses, TaskState], FloatArray]
+    compute_positions_w: Callable[[ArmPoses, TaskState], FloatArray]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,36 +147,37 @@ class Task:
 
     Attributes:
         name: an ASCII identifier; environment ids are ``avrgym/{name}{robot}-v1``.
-        goal: the task in one sentence for participants. It does not describe the motion of the robot (paper, section
-            V).
-        pose: initial pose of the person.
-        offered: body part that cooperating people move towards the tool.
+        goal_description: the task in one sentence for participants. It does not describe the motion of the robot
+            (paper, section V).
+        pose_distribution: initial pose of the person.
+        offered_body_part: body part that cooperating people move towards the tool.
         strength_share: share of their strength with which people hold their pose. With a small share, the robot can
             move their joints. A mapping contains a share for each joint by name; joints that are not listed have full
             strength. With ``None``, static people are rigid.
-        scene: function that returns the scene for a robot; called once for each robot.
-        num_uniforms: number of uniform random numbers that ``start`` needs for each world.
-        start: returns initial states, from the scene, the people and uniform random numbers (n, ``num_uniforms``).
-        init_state: returns the initial task state, from the people and the same random numbers.
-        observation: returns the observation for a scene.
-        weights: weight of each reward term; the reward is the weighted sum.
+        make_scene: function that returns the scene for a robot; called once for each robot.
+        num_random_numbers: number of uniform random numbers that ``sample_initial_states`` needs for each world.
+        sample_initial_states: returns initial states, from the scene, the people and uniform random numbers (n,
+            ``num_random_numbers``).
+        make_initial_task_state: returns the initial task state, from the people and the same random numbers.
+        make_observation_spec: returns the observation for a scene.
+        reward_weights: weight of each reward term; the reward is the weighted sum.
         evaluate_step: returns reward terms and success. Arguments: the state after the step, the action (N, A), and the
             previous task state.
         expert: expert that plans with the full state. It shows that the task is feasible (``--policy oracle``).
         feedback_expert: expert without memory: its action is a smooth function of the current state. Training imitates
             it.
-        views: camera views for rendered images of the scene.
+        camera_views: camera views for rendered images of the scene.
         hyperparameters: training hyperparameters that differ from the defaults of ``learning.hyperparameters``.
         memory_expert: expert with memory. Recurrent policies imitate it instead of ``feedback_expert``.
-        detour_m: returns the extra length (N,) of the path of tool and hand, compared with the straight path. The
-            hyperparameter ``detour_weight_per_m`` needs it.
-        marks: markers that the task draws on the person's arm, such as an itch.
-        withdraws_after_success: whether the robot withdraws its tool after success. This also needs the option
+        compute_detour_m: returns the extra length (N,) of the path of tool and hand, compared with the straight path.
+            The hyperparameter ``detour_weight_per_m`` needs it.
+        markers: markers that the task draws on the person's arm, such as an itch.
+        withdraws_tool_after_success: whether the robot withdraws its tool after success. This also needs the option
             ``withdraw_after_success`` of the episode or session.
-        variant: function that returns the task with the tool, particles and table of settings. ``None``: the task has
-            no such settings.
-        tracked: body parts that VR must track: the head, and the arms that the robot works on. If the tracking of a
-            part is lost, the attempt ends.
+        make_variant: function that returns the task with the tool, particles and table of settings. ``None``: the
+            task has no such settings.
+        tracked_body_parts: body parts that VR must track: the head, and the arms that the robot works on. If the
+            tracking of a part is lost, the attempt ends.
 
     Raises:
         TypeError: if a field is missing or has a wrong type.
@@ -184,27 +185,27 @@ class Task:
     """
 
     name: str
-    goal: str
-    pose: Pose
-    offered: OfferedBodyPart
-    scene: Callable[[Robot], SceneConfig]
-    num_uniforms: int
-    start: Callable[[SceneConfig, People, FloatArray], InitialState]
-    init_state: Callable[[People, FloatArray], TaskState]
-    observation: Callable[[SceneConfig], Observation]
-    weights: Mapping[str, float]
+    goal_description: str
+    pose_distribution: PoseDistribution
+    offered_body_part: OfferedBodyPart
+    make_scene: Callable[[Robot], SceneConfig]
+    num_random_numbers: int
+    sample_initial_states: Callable[[SceneConfig, People, FloatArray], InitialState]
+    make_initial_task_state: Callable[[People, FloatArray], TaskState]
+    make_observation_spec: Callable[[SceneConfig], ObservationSpec]
+    reward_weights: Mapping[str, float]
     evaluate_step: Callable[[State, FloatArray, TaskState], StepResult]
     expert: Expert
     feedback_expert: Expert
-    views: Views
+    camera_views: CameraViews
     strength_share: float | Mapping[str, float] | None = None
     hyperparameters: Mapping[str, Any] = field(default_factory=dict[str, Any])
     memory_expert: Expert | None = None
-    detour_m: Callable[[State, TaskState], FloatArray] | None = None
-    marks: Marks | None = None
-    withdraws_after_success: bool = False
-    tracked: tuple[TrackedBodyPart, ...] = ("head",)
-    variant: Callable[[Settings], "Task"] | None = None
+    compute_detour_m: Callable[[State, TaskState], FloatArray] | None = None
+    markers: Markers | None = None
+    withdraws_tool_after_success: bool = False
+    tracked_body_parts: tuple[TrackedBodyPart, ...] = ("head",)
+    make_variant: Callable[[Settings], "Task"] | None = None
 
     def __post_init__(self) -> None:
         for part, kind in _KINDS.items():
@@ -215,12 +216,14 @@ class Task:
             raise ValueError(
                 f"the task name is {self.name!r}; allowed: an identifier of ASCII letters and digits"
             )
-        if not self.goal.strip():
-            raise ValueError(f"task {self.name}: the field `goal` is empty; allowed: one sentence")
-        if self.offered not in OFFERED_PARTS:
+        if not self.goal_description.strip():
             raise ValueError(
-                f"task {self.name}: the field `offered` is {self.offered!r}; allowed: "
-                f"{', '.join(map(repr, OFFERED_PARTS))}"
+                f"task {self.name}: the field `goal_description` is empty; allowed: one sentence"
+            )
+        if self.offered_body_part not in OFFERED_BODY_PARTS:
+            raise ValueError(
+                f"task {self.name}: the field `offered_body_part` is {self.offered_body_part!r}; allowed: "
+                f"{', '.join(map(repr, OFFERED_BODY_PARTS))}"
             )
         share = self.strength_share
         if share is not None and not _is_strength_share(share):
@@ -228,24 +231,28 @@ class Task:
                 f"task {self.name}: the field `strength_share` is {share!r}; allowed: None, a number above 0 and up "
                 f"to 1, or such numbers by joint name ({', '.join(JOINTS)})"
             )
-        if "head" not in self.tracked or not set(self.tracked) <= set(TRACKED_BODY_PARTS):
+        if "head" not in self.tracked_body_parts or not set(self.tracked_body_parts) <= set(
+            TRACKED_BODY_PARTS
+        ):
             raise ValueError(
-                f"task {self.name}: the field `tracked` is {self.tracked!r}; allowed: 'head', and 'left' or 'right' "
+                f"task {self.name}: the field `tracked_body_parts` is {self.tracked_body_parts!r}; allowed: 'head', "
+                f"and 'left' "
+                f"or 'right' "
                 "for the arms that the robot works on"
             )
-        if not self.weights:
+        if not self.reward_weights:
             raise ValueError(
-                f"task {self.name}: the field `weights` is empty; allowed: a weight for each reward term"
+                f"task {self.name}: the field `reward_weights` is empty; allowed: a weight for each reward term"
             )
-        if self.hyperparameters.get("detour_weight_per_m") and self.detour_m is None:
+        if self.hyperparameters.get("detour_weight_per_m") and self.compute_detour_m is None:
             raise ValueError(
-                f"task {self.name} has the hyperparameter detour_weight_per_m, but no function detour_m; add it"
+                f"task {self.name} has the hyperparameter detour_weight_per_m, but no function compute_detour_m; add it"
             )
         if self.memory_expert is not None:
             self._check_part("memory_expert", callable(self.memory_expert), "function")
-        object.__setattr__(self, "scene", cache(self.scene))
-        if self.variant is not None:
-            object.__setattr__(self, "variant", cache(self.variant))
+        object.__setattr__(self, "make_scene", cache(self.make_scene))
+        if self.make_variant is not None:
+            object.__setattr__(self, "make_variant", cache(self.make_variant))
 
     def _check_part(self, part: str, fits: bool, kind: str) -> None:
         if not fits:
@@ -256,9 +263,9 @@ class Task:
     @property
     def served_arm(self) -> Side | None:
         """The arm of the person that the robot works on, if any."""
-        return next((part for part in self.tracked if part != "head"), None)
+        return next((part for part in self.tracked_body_parts if part != "head"), None)
 
-    def with_settings(self, settings: Settings) -> "Task":
+    def apply_settings(self, settings: Settings) -> "Task":
         """Returns the task with the tool, particles and table of settings.
 
         Raises:
@@ -267,51 +274,51 @@ class Task:
         given = [name for name in TASK_SETTINGS if getattr(settings, name) is not None]
         if not given:
             return self
-        if self.variant is None:
+        if self.make_variant is None:
             raise ValueError(f"task {self.name} has no setting {given[0]!r}; remove this setting")
         # Scene settings do not change the task.
-        return self.variant(Settings(**{name: getattr(settings, name) for name in given}))
+        return self.make_variant(Settings(**{name: getattr(settings, name) for name in given}))
 
-    def reward(self, terms: Mapping[str, FloatArray]) -> FloatArray:
+    def compute_reward(self, terms: Mapping[str, FloatArray]) -> FloatArray:
         """Returns the weighted sum (N,) of reward terms.
 
         Raises:
             ValueError: if terms and weights have different names.
         """
-        if terms.keys() != self.weights.keys():
+        if terms.keys() != self.reward_weights.keys():
             raise ValueError(
                 f"task {self.name} returned the reward terms {', '.join(terms)}; allowed: the names of its weights, "
-                f"{', '.join(self.weights)}"
+                f"{', '.join(self.reward_weights)}"
             )
         total: Any = 0.0
-        for name, weight in self.weights.items():
+        for name, weight in self.reward_weights.items():
             total = total + weight * terms[name]
         return total
 
 
-OFFERED_PARTS: tuple[OfferedBodyPart, ...] = get_args(OfferedBodyPart)
+OFFERED_BODY_PARTS: tuple[OfferedBodyPart, ...] = get_args(OfferedBodyPart)
 _KINDS: Mapping[str, type] = {
     "name": str,
-    "goal": str,
-    "pose": Pose,
-    "num_uniforms": int,
-    "weights": Mapping,
-    "views": Views,
+    "goal_description": str,
+    "pose_distribution": PoseDistribution,
+    "num_random_numbers": int,
+    "reward_weights": Mapping,
+    "camera_views": CameraViews,
     "hyperparameters": Mapping,
-    "withdraws_after_success": bool,
+    "withdraws_tool_after_success": bool,
 }
 _FUNCTIONS = (
-    "scene",
-    "start",
-    "init_state",
-    "observation",
+    "make_scene",
+    "sample_initial_states",
+    "make_initial_task_state",
+    "make_observation_spec",
     "evaluate_step",
     "expert",
     "feedback_expert",
 )
 
 
-def joint_strength_shares(strength_share: float | Mapping[str, float]) -> FloatArray:
+def compute_joint_strength_fractions(strength_share: float | Mapping[str, float]) -> FloatArray:
     """Returns the strength share (20,) of each joint of the person, from ``Task.strength_share``."""
     if isinstance(strength_share, Mapping):
         return np.array([strength_share.get(name, 1.0) for name in JOINTS])
@@ -321,11 +328,11 @@ def joint_strength_shares(strength_share: float | Mapping[str, float]) -> FloatA
 def _is_strength_share(strength_share: float | Mapping[str, float]) -> bool:
     if isinstance(strength_share, Mapping) and not strength_share.keys() <= JOINTS.keys():
         return False
-    shares = joint_strength_shares(strength_share)
+    shares = compute_joint_strength_fractions(strength_share)
     return bool(((shares > 0.0) & (shares <= 1.0)).all())
 
 
-def task_state_arrays(task_state: object) -> dict[str, NumpyArray]:
+def get_task_state_arrays(task_state: object) -> dict[str, NumpyArray]:
     """Returns the arrays of a task state, by name."""
     return vars(task_state)
 
@@ -333,7 +340,8 @@ def task_state_arrays(task_state: object) -> dict[str, NumpyArray]:
 def replace_task_states(old: TaskState, new: TaskState, ids: IntArray) -> TaskState:
     """Returns a copy of the state ``old`` of N worlds. The worlds ``ids`` (n,) have the state ``new``."""
     arrays = {
-        name: namespace(array).asarray(array, copy=True) for name, array in task_state_arrays(old).items()
+        name: get_namespace(array).asarray(array, copy=True)
+        for name, array in get_task_state_arrays(old).items()
     }
     for name, array in arrays.items():
         array[ids] = to_device_of(getattr(new, name), array)

@@ -6,7 +6,7 @@ from avrgym.array_types import FloatArray
 from avrgym.system import random_streams
 from avrgym.tasks.control_loop import StepOutcome
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.placement_check import check_starts
+from avrgym.tasks.placement_check import check_initial_states
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from avrgym.tasks.task import Expert
 
@@ -16,7 +16,7 @@ CHECK_WORLDS, CHECK_STEPS = 3, 5
 def check_task(name: str) -> None:
     """Run a few control steps of a task with every suitable robot and each expert.
 
-    Initial states are checked by ``tasks.placement_check.check_starts``.
+    Initial states are checked by ``tasks.placement_check.check_initial_states``.
 
     Raises:
         ValueError: for an unknown task, or for the first error of the task.
@@ -25,7 +25,7 @@ def check_task(name: str) -> None:
         raise ValueError(f"unknown task {name!r}; allowed: {', '.join(TASKS)}")
     for environment_id, (task, _) in ENVIRONMENTS.items():
         if task == name:
-            check_starts(environment_id)
+            check_initial_states(environment_id)
             episodes = Episodes(environment_id, CHECK_WORLDS, num_threads=1)
             for part in ("expert", "feedback_expert", "memory_expert"):
                 expert: Expert | None = getattr(TASKS[name], part)
@@ -38,14 +38,14 @@ def _check_expert(episodes: Episodes, name: str, expert: Expert) -> None:
     first, again = (_observations(episodes, expert, where) for _ in range(2))
     if first.tobytes() != again.tobytes():
         raise ValueError(
-            f"{where}: two episodes with the same seed differ; use only the random numbers in the arguments"
+            f"{where}: two episodes with the same seed differ; use only the random numbers that the functions receive"
         )
 
 
 def _observations(episodes: Episodes, expert: Expert, where: str) -> FloatArray:
     """Run a few steps with an expert. Returns the observations (T, N, O)."""
     episodes.reset(
-        np.arange(CHECK_WORLDS), [random_streams.episode_generator(seed) for seed in range(CHECK_WORLDS)]
+        np.arange(CHECK_WORLDS), [random_streams.make_episode_rng(seed) for seed in range(CHECK_WORLDS)]
     )
     steps = [episodes.evaluate_state()]
     controller = expert(episodes)
@@ -57,10 +57,10 @@ def _observations(episodes: Episodes, expert: Expert, where: str) -> FloatArray:
 
 
 def _check_step(episodes: Episodes, step: StepOutcome, where: str) -> None:
-    bound = episodes.observation.bound
+    bound = episodes.observation_spec.bound
     for entry, within in zip(
-        episodes.observation.entries,
-        np.split(np.abs(step.observation) <= bound, episodes.observation.entry_ends[:-1], axis=1),
+        episodes.observation_spec.entries,
+        np.split(np.abs(step.observation) <= bound, episodes.observation_spec.entry_end_indices[:-1], axis=1),
         strict=True,
     ):
         if not within.all():
@@ -72,7 +72,7 @@ def _check_step(episodes: Episodes, step: StepOutcome, where: str) -> None:
     for name, values in figures.items():
         if np.shape(values) != (CHECK_WORLDS,) or not np.isfinite(values).all():
             raise ValueError(f"{where}: {name} is {values!r}; allowed: finite numbers of shape (N,)")
-    for name, values, kinds in (("success", step.success, "b"), ("events", step.events, "bi")):
+    for name, values, kinds in (("success", step.success, "b"), ("num_events", step.num_events, "bi")):
         if np.shape(values) != (CHECK_WORLDS,) or np.asarray(values).dtype.kind not in kinds:
             raise ValueError(
                 f"{where}: {name} is {values!r}; allowed: an array (N,) of NumPy kind {' or '.join(kinds)}"

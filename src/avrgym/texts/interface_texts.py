@@ -24,10 +24,10 @@ LANGUAGE_TAG_PATTERN = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
 """Pattern of a BCP 47 language tag, as in HTML's ``lang``."""
 TEXT_DIRECTIONS = ("ltr", "rtl")
 """Text directions, as in HTML's ``dir``."""
-MAX_LISTED_KEYS = 5
+MAX_LISTED_TEXT_KEYS = 5
 """Maximum number of missing keys in an error message."""
 _NUMBER = re.compile(r"^(\d+)\.(\d+)$")
-OPTIONAL_PAGE_KEYS = (
+OPTIONAL_PAGE_TEXT_KEYS = (
     "link_ended",
     "enter_code",
     "code",
@@ -44,17 +44,17 @@ OPTIONAL_PAGE_KEYS = (
     "caption_success",
     "prefer",
 )
-HOST_KEY_PREFIX = "host_"
+HOSTED_STUDY_KEY_PREFIX = "host_"
 """Prefix of the keys under ``page`` for the pages of hosted studies. They are optional too."""
-OPTIONAL_SESSION_KEYS = ("headset_stretched_one", "reach_ahead_one", "reach_aside_one", "no_preferences")
-"""Optional keys under ``session``. As for ``OPTIONAL_PAGE_KEYS``, the default is the English text."""
-PAGE_KEY_SUFFIX = "_page"
+OPTIONAL_SESSION_TEXT_KEYS = ("headset_stretched_one", "reach_ahead_one", "reach_aside_one", "no_preferences")
+"""Optional keys under ``session``. As for ``OPTIONAL_PAGE_TEXT_KEYS``, the default is the English text."""
+PAGE_TEXT_KEY_SUFFIX = "_page"
 """Suffix of keys under ``session`` for the participant's page without a headset."""
-SELECT_PLACEHOLDER, SELECT_NAME_PREFIX = "select", "select_by_"
+SELECT_PLACEHOLDER, SELECT_ACTION_KEY_PREFIX = "select", "select_by_"
 """Placeholder for the name of the select action, and prefix of the keys with the names for each select input."""
-CHOOSE_PLACEHOLDER, CHOOSE_NAME_PREFIX = "choose", "choose_by_"
+CHOOSE_PLACEHOLDER, CHOOSE_ACTION_KEY_PREFIX = "choose", "choose_by_"
 """Placeholder and prefix of keys for the action that chooses a named button."""
-PROFILE_SELECT_INPUTS = ("dwell", "scan", "step", "remote")
+INPUT_PROFILE_SELECT_INPUTS = ("dwell", "scan", "step", "remote")
 """Select inputs of input profiles: head, one switch, two switches, experimenter. Their names are optional."""
 DEFAULT_SELECT_INPUT = "trigger"
 """Select input of texts without another input."""
@@ -66,11 +66,11 @@ class InvalidTextsError(ValueError):
 
 @dataclass(frozen=True)
 class ParticipantText:
-    """A text for a participant. ``key``: key under ``session``. ``placeholder_values``: values of placeholders, by
+    """A text for a participant. ``text_key``: key under ``session``. ``placeholder_values``: values of placeholders, by
     name.
     """
 
-    key: str
+    text_key: str
     placeholder_values: "Mapping[str, str | ParticipantText]" = field(
         default_factory=dict[str, "str | ParticipantText"]
     )
@@ -104,10 +104,11 @@ class InterfaceTexts:
     page: Mapping[str, str]
     sentences: Mapping[str, str]
 
-    def render(self, text: ParticipantText, select_by: str = DEFAULT_SELECT_INPUT) -> str:
+    def format_for_vr(self, text: ParticipantText, select_by: str = DEFAULT_SELECT_INPUT) -> str:
         """Returns the text for VR with filled-in placeholders. ``select_by``: select input, such as ``trigger``."""
         select, choose = (
-            self.session.get(prefix + select_by, "") for prefix in (SELECT_NAME_PREFIX, CHOOSE_NAME_PREFIX)
+            self.session.get(prefix + select_by, "")
+            for prefix in (SELECT_ACTION_KEY_PREFIX, CHOOSE_ACTION_KEY_PREFIX)
         )
         values = {
             name: self._render_value(value, select_by) for name, value in text.placeholder_values.items()
@@ -117,25 +118,27 @@ class InterfaceTexts:
             SELECT_PLACEHOLDER.capitalize(): select[:1].upper() + select[1:],
             CHOOSE_PLACEHOLDER: choose,
         }
-        return self.session[text.key].format_map(values)
+        return self.session[text.text_key].format_map(values)
 
     def _render_value(self, value: str | ParticipantText, select_by: str) -> str:
         if isinstance(value, ParticipantText):
-            return self.render(value, select_by)
+            return self.format_for_vr(value, select_by)
         return _NUMBER.sub(rf"\1{self.decimal}\2", value)
 
-    def render_by_input(self, text: ParticipantText) -> dict[str, str]:
+    def format_by_select_input(self, text: ParticipantText) -> dict[str, str]:
         """Returns the texts for VR, by select input. Texts that equal the text for the default input are omitted."""
         kinds = [
-            key.removeprefix(SELECT_NAME_PREFIX) for key in self.session if key.startswith(SELECT_NAME_PREFIX)
+            key.removeprefix(SELECT_ACTION_KEY_PREFIX)
+            for key in self.session
+            if key.startswith(SELECT_ACTION_KEY_PREFIX)
         ]
-        texts = {kind: self.render(text, kind) for kind in kinds}
-        return {kind: rendered for kind, rendered in texts.items() if rendered != self.render(text)}
+        texts = {kind: self.format_for_vr(text, kind) for kind in kinds}
+        return {kind: rendered for kind, rendered in texts.items() if rendered != self.format_for_vr(text)}
 
-    def render_for_page(self, text: ParticipantText) -> str:
+    def format_for_page(self, text: ParticipantText) -> str:
         """Returns the text for the page without a headset, with values instead of placeholders."""
-        on_page = text.key + PAGE_KEY_SUFFIX
-        return self.render(
+        on_page = text.text_key + PAGE_TEXT_KEY_SUFFIX
+        return self.format_for_vr(
             ParticipantText(on_page, text.placeholder_values) if on_page in self.session else text
         )
 
@@ -143,7 +146,7 @@ class InterfaceTexts:
         """Returns the translation of an English sentence, or the sentence itself without a translation."""
         return self.sentences.get(normalize_whitespace(sentence), sentence)
 
-    def untranslated_sentences(self, sentences: Collection[str]) -> list[str]:
+    def find_untranslated_sentences(self, sentences: Collection[str]) -> list[str]:
         """Returns the English sentences that have no translation, without duplicates."""
         unique_sentences = dict.fromkeys(
             normalize_whitespace(sentence) for sentence in sentences if sentence.strip()
@@ -155,8 +158,8 @@ class ParticipantActionError(ValueError):
     """Raised if the participant cannot do an action. ``text``: the reason, for the participant."""
 
     def __init__(self, text: ParticipantText) -> None:
-        super().__init__(ENGLISH_TEXTS.render(text))
-        self.text = text
+        super().__init__(ENGLISH_TEXTS.format_for_vr(text))
+        self.participant_text = text
 
 
 def normalize_whitespace(sentence: str) -> str:
@@ -164,7 +167,7 @@ def normalize_whitespace(sentence: str) -> str:
     return " ".join(sentence.split())
 
 
-def included_languages() -> list[str]:
+def list_included_languages() -> list[str]:
     """Returns the tags of the languages that AVR Gym includes."""
     included = (
         file.name.removesuffix(".toml") for file in files("avrgym.texts").iterdir() if _is_toml(file.name)
@@ -182,20 +185,20 @@ def read_texts(language: str, folder: Path | None = None) -> InterfaceTexts:
     if not LANGUAGE_TAG_PATTERN.fullmatch(language):
         raise InvalidTextsError(f"{language!r} is not a language tag; allowed: a tag such as en, de or pt-BR")
     own = folder / TEXTS_FOLDER / f"{language}.toml" if folder is not None else None
-    included = _read_included(language) if language in included_languages() else TextsFile()
+    included = _read_included(language) if language in list_included_languages() else TextsFile()
     added = _read_own(own) if own is not None and own.is_file() else TextsFile()
     where = str(own) if own is not None else f"{TEXTS_FOLDER}/{language}.toml in a study's folder"
     if included == added == TextsFile():
         raise InvalidTextsError(
-            f"no texts in {language!r}: AVR Gym includes {', '.join(included_languages())}; add others in {where}"
+            f"no texts in {language!r}: AVR Gym includes {', '.join(list_included_languages())}; add others in {where}"
         )
     texts = InterfaceTexts(
         language,
         added.name or included.name or language,
         added.direction or included.direction or TEXT_DIRECTIONS[0],
         added.decimal or included.decimal or ".",
-        {key: _ENGLISH.session[key] for key in OPTIONAL_SESSION_KEYS} | included.session | added.session,
-        {key: text for key, text in _ENGLISH.page.items() if is_optional_page_key(key)}
+        {key: _ENGLISH.session[key] for key in OPTIONAL_SESSION_TEXT_KEYS} | included.session | added.session,
+        {key: text for key, text in _ENGLISH.page.items() if is_optional_page_text_key(key)}
         | included.page
         | added.page,
         {
@@ -207,9 +210,9 @@ def read_texts(language: str, folder: Path | None = None) -> InterfaceTexts:
     return texts
 
 
-def is_optional_page_key(key: str) -> bool:
+def is_optional_page_text_key(key: str) -> bool:
     """Returns whether a language may omit a key under ``page``. The English text then replaces it."""
-    return key in OPTIONAL_PAGE_KEYS or key.startswith(HOST_KEY_PREFIX)
+    return key in OPTIONAL_PAGE_TEXT_KEYS or key.startswith(HOSTED_STUDY_KEY_PREFIX)
 
 
 @cache
@@ -236,8 +239,8 @@ def _read(text: str, name: str) -> TextsFile:
 def _check(texts: InterfaceTexts, where: str) -> None:
     """Raises ``InvalidTextsError`` if keys or placeholders differ from the English texts.
 
-    A language may have additional page texts (``PAGE_KEY_SUFFIX``). It needs names of select actions only if a text
-    contains ``{select}`` or ``{choose}``.
+    A language may have additional page texts (``PAGE_TEXT_KEY_SUFFIX``). It needs names of select actions only if a
+    text contains ``{select}`` or ``{choose}``.
     """
     if texts.direction not in TEXT_DIRECTIONS:
         raise InvalidTextsError(
@@ -246,15 +249,19 @@ def _check(texts: InterfaceTexts, where: str) -> None:
     for table in ("session", "page"):
         expected: Mapping[str, str] = getattr(_ENGLISH, table)
         found: Mapping[str, str] = getattr(texts, table)
-        own = [text for key, text in found.items() if key not in OPTIONAL_SESSION_KEYS]
+        own = [text for key, text in found.items() if key not in OPTIONAL_SESSION_TEXT_KEYS]
         named = {name for text in own for name in _names(text)}
         needed = [key for key in expected if _is_needed(key, named)]
         missing = [key for key in needed if not found.get(key, "").strip()]
-        like = {key: key if key in expected else key.removesuffix(PAGE_KEY_SUFFIX) for key in found}
+        like = {key: key if key in expected else key.removesuffix(PAGE_TEXT_KEY_SUFFIX) for key in found}
         unknown = [key for key, english in like.items() if english not in expected]
         if missing:
-            more = f" and {len(missing) - MAX_LISTED_KEYS} more" if len(missing) > MAX_LISTED_KEYS else ""
-            untranslated = f"{', '.join(missing[:MAX_LISTED_KEYS])}{more}"
+            more = (
+                f" and {len(missing) - MAX_LISTED_TEXT_KEYS} more"
+                if len(missing) > MAX_LISTED_TEXT_KEYS
+                else ""
+            )
+            untranslated = f"{', '.join(missing[:MAX_LISTED_TEXT_KEYS])}{more}"
             raise InvalidTextsError(
                 f"{where} lacks {untranslated} in [{table}]; allowed: a text for each key of the English file"
             )
@@ -277,11 +284,13 @@ _SELECTS = {SELECT_PLACEHOLDER, SELECT_PLACEHOLDER.capitalize(), CHOOSE_PLACEHOL
 def _is_needed(key: str, named: Collection[str]) -> bool:
     """Returns whether a language needs a key. ``named``: the placeholders in its texts."""
     for prefix, placeholders in (
-        (SELECT_NAME_PREFIX, {SELECT_PLACEHOLDER, SELECT_PLACEHOLDER.capitalize()}),
-        (CHOOSE_NAME_PREFIX, {CHOOSE_PLACEHOLDER}),
+        (SELECT_ACTION_KEY_PREFIX, {SELECT_PLACEHOLDER, SELECT_PLACEHOLDER.capitalize()}),
+        (CHOOSE_ACTION_KEY_PREFIX, {CHOOSE_PLACEHOLDER}),
     ):
         if key.startswith(prefix):
-            return key.removeprefix(prefix) not in PROFILE_SELECT_INPUTS and bool(placeholders & set(named))
+            return key.removeprefix(prefix) not in INPUT_PROFILE_SELECT_INPUTS and bool(
+                placeholders & set(named)
+            )
     return True
 
 

@@ -6,14 +6,14 @@ tolerate 5 % for half an hour. Jitter above the limits means that tracking is di
 
 from collections.abc import Iterator, Sequence
 
-from avrgym.recording.configuration import HeadsetCheck, TrackedPart
+from avrgym.recording.configuration import HeadsetCheck, TrackingQuality
 from avrgym.texts.interface_texts import ENGLISH_TEXTS, ParticipantText
 from avrgym.vr.latency import STAGE_LABELS
 
 MIN_DISPLAY_HZ = 60.0
-MAX_DROPPED_SHARE = 0.05
+MAX_DROPPED_FRAME_FRACTION = 0.05
 MAX_LATENCY_MS = 100.0
-MIN_TRACKED_SHARE = 0.95
+MIN_TRACKED_FRACTION = 0.95
 MAX_JITTER_MM = {"head": 1.0, "controller": 2.0, "hand": 5.0}
 """Maximum jitter by tracked device, in mm. It is larger for a bare hand, because cameras track it less precisely."""
 MIN_RENDERED_FRAMES = 30
@@ -30,7 +30,7 @@ def find_headset_faults(check: HeadsetCheck) -> list[ParticipantText]:
     return [fault for faults_of in of_parts for fault in faults_of(check)]
 
 
-def result_message(check: HeadsetCheck, max_faults: int) -> ParticipantText:
+def make_result_message(check: HeadsetCheck, max_faults: int) -> ParticipantText:
     """Returns the text with the result for the participant: at most ``max_faults`` faults, and the number of further
     faults."""
     found = find_headset_faults(check)
@@ -42,17 +42,17 @@ def result_message(check: HeadsetCheck, max_faults: int) -> ParticipantText:
     return ParticipantText("headset_not_ready", {"faults": text})
 
 
-def result_text(check: HeadsetCheck) -> str:
+def format_result(check: HeadsetCheck) -> str:
     """Returns the result of the headset check as text for experimenters, with all faults."""
-    return "Go: the headset is ready." if is_headset_ready(check) else f"No-go. {fault_text(check)}"
+    return "Go: the headset is ready." if is_headset_ready(check) else f"No-go. {format_faults(check)}"
 
 
-def fault_text(check: HeadsetCheck) -> str:
+def format_faults(check: HeadsetCheck) -> str:
     """Returns all faults of the headset check as English text."""
-    return " ".join(ENGLISH_TEXTS.render(fault) for fault in find_headset_faults(check))
+    return " ".join(ENGLISH_TEXTS.format_for_vr(fault) for fault in find_headset_faults(check))
 
 
-def measurement_text(check: HeadsetCheck) -> str:
+def format_measurements(check: HeadsetCheck) -> str:
     """Returns all measurements of the headset check as one line of text."""
     total = check.latency_ms.get("total_ms")
     return "; ".join(
@@ -94,11 +94,11 @@ def _felt(answer: bool | None, verb: str) -> str:
     return "not asked" if answer is None else verb if answer else f"not {verb}"
 
 
-def _parts(check: HeadsetCheck) -> tuple[tuple[str, TrackedPart], ...]:
+def _parts(check: HeadsetCheck) -> tuple[tuple[str, TrackingQuality], ...]:
     return ("head", check.head), ("left hand", check.left), ("right hand", check.right)
 
 
-def _part_text(name: str, part: TrackedPart) -> str:
+def _part_text(name: str, part: TrackingQuality) -> str:
     jitter = "" if part.jitter_mm is None else f", jitter {part.jitter_mm:.2f} mm"
     reach = "" if part.reach_m is None else f", reach {part.reach_m:.2f} m"
     return f"{name} ({part.modality}) tracked {100.0 * part.tracked_share:.0f} %{jitter}{reach}"
@@ -113,8 +113,8 @@ def _frame_faults(check: HeadsetCheck) -> Iterator[ParticipantText]:
         yield ParticipantText(
             "fault_display", {"hz": f"{display_hz:.0f}", "least_hz": f"{MIN_DISPLAY_HZ:.0f}"}
         )
-    if check.dropped_share > MAX_DROPPED_SHARE:
-        shares = {"percent": check.dropped_share, "most_percent": MAX_DROPPED_SHARE}
+    if check.dropped_share > MAX_DROPPED_FRAME_FRACTION:
+        shares = {"percent": check.dropped_share, "most_percent": MAX_DROPPED_FRAME_FRACTION}
         yield ParticipantText(
             "fault_dropped", {name: f"{100.0 * share:.0f}" for name, share in shares.items()}
         )
@@ -140,10 +140,10 @@ def _tracking_faults(check: HeadsetCheck) -> Iterator[ParticipantText]:
             continue
         if part.modality == "rests":
             continue
-        if part.tracked_share < MIN_TRACKED_SHARE:
+        if part.tracked_share < MIN_TRACKED_FRACTION:
             shares = {
                 "percent": f"{100.0 * part.tracked_share:.0f}",
-                "least_percent": f"{100.0 * MIN_TRACKED_SHARE:.0f}",
+                "least_percent": f"{100.0 * MIN_TRACKED_FRACTION:.0f}",
             }
             yield ParticipantText("fault_untracked", tracked | shares)
         limit_mm = MAX_JITTER_MM.get("head" if name == "head" else part.modality)

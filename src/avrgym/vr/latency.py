@@ -15,7 +15,7 @@ STAGE_LABELS = {
     "draw_ms": "drawing",
 }
 """Labels of the stages between tracking and display, in order."""
-STAGES = tuple(STAGE_LABELS)
+LATENCY_STAGES = tuple(STAGE_LABELS)
 TOTAL_LATENCY_KEY = "total_ms"
 """Key of the total latency from tracking to display."""
 LATENCY_PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0}
@@ -23,14 +23,16 @@ LATENCY_PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0}
 
 def has_all_stages(latency: Latency) -> bool:
     """Returns whether every frame has an entry for each stage."""
-    return all(len(getattr(latency, stage)) == len(latency.sequence) for stage in STAGES)
+    return all(len(getattr(latency, stage)) == len(latency.sequence) for stage in LATENCY_STAGES)
 
 
-def percentiles_ms(latencies: Sequence[Latency]) -> dict[str, dict[str, float]]:
+def compute_percentiles_ms(latencies: Sequence[Latency]) -> dict[str, dict[str, float]]:
     """Returns percentiles in milliseconds for each stage, and for the total latency (``total_ms``); empty without
     frames."""
-    stages = {stage: np.array([ms for each in latencies for ms in getattr(each, stage)]) for stage in STAGES}
-    if not stages[STAGES[0]].size:
+    stages = {
+        stage: np.array([ms for each in latencies for ms in getattr(each, stage)]) for stage in LATENCY_STAGES
+    }
+    if not stages[LATENCY_STAGES[0]].size:
         return {}
     stages = {TOTAL_LATENCY_KEY: np.sum([*stages.values()], axis=0), **stages}
     return {

@@ -24,8 +24,8 @@ class ExperimenterClient:
     """An experimenter's connection without a page. ``targets`` are those that the participant can select now."""
 
     def __init__(self, server: LiveServer) -> None:
-        address = server.page_urls("watch", server.tokens.experimenter)[0].partition("#")[0]
-        self.targets = messages.Targets(0, [])
+        address = server.list_page_urls("watch", server.tokens.experimenter)[0].partition("#")[0]
+        self.targets = messages.ParticipantTargets(0, [])
         self._opened = ExitStack()
         self._socket = self._opened.enter_context(connect(address.replace("http", "ws", 1), max_size=None))
         hello = messages.Hello(messages.PROTOCOL_VERSION, server.tokens.experimenter, "test", emulated=True)
@@ -39,14 +39,14 @@ class ExperimenterClient:
         self._opened.close()
 
     def send(self, message: messages.Message) -> None:
-        self._socket.send(messages.encode(message))
+        self._socket.send(messages.encode_message(message))
 
     def press(self, value: int) -> bool:
         """Select a target if it is offered. Returns whether it is."""
         offered = self.targets
         if value not in [target.value for target in offered.targets]:
             return False
-        self.send(messages.Press(offered.offer_number, value))
+        self.send(messages.TargetSelectionRequest(offered.offer_number, value))
         return True
 
     def _receive(self) -> None:
@@ -57,13 +57,13 @@ class ExperimenterClient:
         states = 0
         for data in self._socket:
             assert isinstance(data, bytes)
-            message = messages.decode_server(data)
-            if isinstance(message, messages.Targets):
+            message = messages.decode_server_message(data)
+            if isinstance(message, messages.ParticipantTargets):
                 self.targets = message
-            elif isinstance(message, messages.StateChange):
+            elif isinstance(message, messages.WorldStateChange):
                 states += 1
                 if states % messages.STATES_PER_RECEIPT == 0:
-                    self.send(messages.Receipt(states))
+                    self.send(messages.StateReceipt(states))
 
 
 class Chooser:
@@ -123,7 +123,7 @@ class Chooser:
                 headset.wait_for_frames(5)
                 headset.begin_emergency_stop("gaze")
             case "experimenter":
-                self._experimenter.send(messages.Command("stop"))
+                self._experimenter.send(messages.ExperimenterCommand("stop"))
             case "palm":
                 headset.begin_emergency_stop("palm")
             case _:

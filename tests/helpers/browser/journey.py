@@ -10,8 +10,8 @@ from typing import Any
 from avrgym.vr.emulation.emulated_headset import EmulatedHeadset
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.server.live_server import LiveServer
-from avrgym.vr.session import events as session_events
-from avrgym.vr.session.plan import Policies, SessionPlan
+from avrgym.vr.session import events as read_session_events
+from avrgym.vr.session.plan import SessionPlan, SessionPolicies
 from avrgym.vr.session.session import Session
 
 TIMEOUT_S = 180.0
@@ -120,7 +120,7 @@ class Journey:
         self,
         folder: Path,
         plan: SessionPlan,
-        policies: Policies,
+        policies: SessionPolicies,
         opened: ExitStack,
         *,
         draws: bool = False,
@@ -131,7 +131,7 @@ class Journey:
         ``draws``: rasterize triangles from the start. ``browser``: arguments of ``EmulatedHeadset``.
         """
         self.folder = folder
-        self.observed: list[session_events.SessionEvent] = []
+        self.observed: list[read_session_events.SessionEvent] = []
         workers = opened.enter_context(ThreadPoolExecutor(1))
 
         def make(send) -> Session:
@@ -140,7 +140,7 @@ class Journey:
             )
 
         self.server = opened.enter_context(LiveServer(make, "127.0.0.1", 0))
-        self.server.export_next_scene()
+        self.server.export_newest_scene()
         self.headset = opened.enter_context(
             EmulatedHeadset(self.server.participant_url, **{"width": 320, "height": 180, **browser})
         )
@@ -154,7 +154,7 @@ class Journey:
 
     def enter(self) -> None:
         """Enter VR with the participant at rest."""
-        self.headset.set_poses(self.participant.tracking_frame(0.0, moving=False))
+        self.headset.set_poses(self.participant.make_tracking_frame(0.0, moving=False))
         self.headset.enter_vr()
         self.wait_for_phase("calibration")
 
@@ -176,7 +176,7 @@ class Journey:
 
     def results(self) -> list[str]:
         """Return the results of the completed attempts."""
-        return [each.result for each in self.observed if isinstance(each, session_events.TrialEnded)]
+        return [each.result for each in self.observed if isinstance(each, read_session_events.TrialEnded)]
 
     def drop_sockets(self) -> None:
         """Drop every connection to the browser without a close message."""

@@ -35,7 +35,7 @@ class StagedPage:
     def send(self, *said: messages.Message) -> None:
         """Send messages to the page."""
         for message in said:
-            self._sockets[-1].send(messages.encode(message))
+            self._sockets[-1].send(messages.encode_message(message))
 
     def kinds(self) -> list[str]:
         """Return the types of the page's messages, and the names of its commands."""
@@ -49,7 +49,7 @@ class StagedPage:
         message = msgspec.msgpack.decode(data if isinstance(data, bytes) else data.encode())
         if message["type"] == "hello":
             for each in self._said:
-                socket.send(messages.encode(each))
+                socket.send(messages.encode_message(each))
         if message["type"] not in ("tracking", "receipt"):
             self.sent.append(message)
 

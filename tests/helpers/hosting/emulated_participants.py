@@ -19,7 +19,7 @@ from websockets.exceptions import ConnectionClosed, WebSocketException
 
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Hello, Phase, Question, Scene, Tracking
+from avrgym.vr.protocol.messages import Hello, PhaseDescription, Question, Scene, TrackingFrameMessage
 
 TRACKING_HZ = 90.0
 POLL_S = 1.0
@@ -53,12 +53,12 @@ class Outcome:
     sent_bytes: int = 0
 
 
-def record_motion(seconds: float = 10.0, seed: int = 1) -> list[Tracking]:
+def record_motion(seconds: float = 10.0, seed: int = 1) -> list[TrackingFrameMessage]:
     """Returns the tracking frames of a participant who sits and sways."""
     person = SimulatedParticipant(sample_participant_traits("woman", seed), seed)
     person.adopt_posture("avrgym/FeedingJaco-v1")
     steps = int(seconds * TRACKING_HZ)
-    return [person.tracking_frame(step / TRACKING_HZ, moving=False) for step in range(steps)]
+    return [person.make_tracking_frame(step / TRACKING_HZ, moving=False) for step in range(steps)]
 
 
 class EmulatedParticipant:
@@ -68,7 +68,7 @@ class EmulatedParticipant:
         self,
         origin: str,
         invitation: str,
-        motion: Sequence[Tracking],
+        motion: Sequence[TrackingFrameMessage],
         offset: int = 0,
         course: Course = "completes",
     ) -> None:
@@ -159,7 +159,9 @@ class EmulatedParticipant:
             ) as socket:
                 self.outcome.connections += 1
                 await socket.send(
-                    messages.encode(Hello(messages.PROTOCOL_VERSION, token, "emulated", emulated=True))
+                    messages.encode_message(
+                        Hello(messages.PROTOCOL_VERSION, token, "emulated", emulated=True)
+                    )
                 )
                 sending = asyncio.create_task(self._send(socket))
                 try:
@@ -181,14 +183,14 @@ class EmulatedParticipant:
                 if STATE_TAG in data[:16]:
                     states += 1
                     if states % messages.STATES_PER_RECEIPT == 0:
-                        await socket.send(messages.encode(messages.Receipt(states)))
+                        await socket.send(messages.encode_message(messages.StateReceipt(states)))
                     continue
-                message = messages.decode_server(data)
+                message = messages.decode_server_message(data)
                 now_s = time.monotonic()
                 match message:
                     case messages.Welcome():
-                        await socket.send(messages.encode(messages.Entered()))
-                    case Phase():
+                        await socket.send(messages.encode_message(messages.VrEntered()))
+                    case PhaseDescription():
                         self._phase, self._since_s, self._question = message.name, now_s, None
                         self._trial = message.trial
                         if message.name == "finished" or self._is_leaving:
@@ -197,8 +199,8 @@ class EmulatedParticipant:
                         self._question, self._since_s = message, now_s
                     case Scene():
                         self._scene_url = message.url
-                        await socket.send(messages.encode(messages.SceneLoaded(url=message.url)))
-                    case messages.Passed():
+                        await socket.send(messages.encode_message(messages.SceneLoaded(url=message.url)))
+                    case messages.TrackingFrameTimes():
                         sent_s = self._sent_s.pop(message.tracking_sequence, None)
                         if sent_s is not None:
                             self.outcome.round_trips_s.append(now_s - sent_s)
@@ -220,7 +222,7 @@ class EmulatedParticipant:
                 self._sent_s[self._sequence] = now_s
                 if len(self._sent_s) > MAX_SENT:
                     del self._sent_s[next(iter(self._sent_s))]
-                encoded = messages.encode(frame)
+                encoded = messages.encode_message(frame)
                 self.outcome.sent_bytes += len(encoded)
                 await socket.send(encoded)
                 await self._respond(socket, now_s)
@@ -231,20 +233,20 @@ class EmulatedParticipant:
         waited_s = now_s - self._since_s
         if self._phase in WAITING_PHASES and waited_s > CALIBRATION_S:
             self._since_s = now_s
-            await socket.send(messages.encode(messages.Ready()))
+            await socket.send(messages.encode_message(messages.ParticipantReady()))
         question = self._question
         if question is not None and waited_s > ANSWER_S:
             self._question = None
             value = math.ceil(question.points / 2)
             answer = messages.Answer(item=question.item, value=value, response_time_s=waited_s)
-            await socket.send(messages.encode(answer))
+            await socket.send(messages.encode_message(answer))
 
 
 async def take_part_together(
     origin: str,
     invitations: Sequence[str],
     deadline_s: float,
-    motion: Sequence[Tracking],
+    motion: Sequence[TrackingFrameMessage],
     courses: Sequence[Course] = DEFAULT_COURSES,
 ) -> list[Outcome]:
     """Let one participant for each invitation take part at the same time. Returns their outcomes.

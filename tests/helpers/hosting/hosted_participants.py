@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from avrgym.hosting.computers import Computer
-from avrgym.hosting.host import Host
+from avrgym.hosting.host import StudyHost
 from avrgym.hosting.session_pool import HostedSession, SessionPool
-from avrgym.study.checking.checks import check_study
+from avrgym.study.checking.study_checks import check_study
 from avrgym.study.people.invitations import create_invitations
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.hosting.emulated_participants import (
     DEFAULT_COURSES,
     Course,
@@ -41,7 +41,7 @@ def host_participants(
     folder: Path,
     participants: int,
     kills: int,
-    computers: Callable[[Store], Callable[[], Sequence[Computer]] | None] = lambda store: None,
+    computers: Callable[[StudyStore], Callable[[], Sequence[Computer]] | None] = lambda store: None,
     kill: Callable[[HostedSession], object] = lambda session: os.kill(
         session.process.pid or 0, signal.SIGKILL
     ),
@@ -49,17 +49,17 @@ def host_participants(
 ) -> dict[str, Any]:
     """Host a study for emulated participants that start together. Returns figures about them.
 
-    ``computers``: returns the computers that run sessions, see ``Host``. ``kill``: ends the process of a session.
+    ``computers``: returns the computers that run sessions, see ``StudyHost``. ``kill``: ends the process of a session.
     ``changes``: changed values of the design, in TOML syntax.
     """
     make_study(folder, **DESIGN | changes)
     (folder / "host.toml").write_text(SETTINGS)
-    with Store(folder) as store, Host(store, computers=computers(store)) as host:
+    with StudyStore(folder) as store, StudyHost(store, computers=computers(store)) as host:
         invitations = [each.token for each in create_invitations(store, [""] * participants, days=1)]
         watch = _Watch(host.pool, kills, kill)
         watch.start()
         began_s = time.monotonic()
-        outcomes = take_part_in_other_process(host.origin, invitations)
+        outcomes = take_part_in_other_process(host.public_url, invitations)
         seconds = time.monotonic() - began_s
         watch.over.set()
         watch.join()
@@ -69,12 +69,12 @@ def host_participants(
         }
 
 
-def figures(store: Store, outcomes: list[dict[str, Any]], counts: "Counts") -> dict[str, Any]:
+def figures(store: StudyStore, outcomes: list[dict[str, Any]], counts: "Counts") -> dict[str, Any]:
     """Returns figures about a hosted study. ``outcomes``: of its participants."""
     faults = [str(each) for each in check_study(store) if each.is_error]
-    faults += [str(each) for each in store.database.find_faults()]
-    trials = [trial for each in store.participants() for trial in store.trials(each.pseudonym)]
-    attempts = [each for one in store.participants() for each in store.attempts(one.pseudonym)]
+    faults += [str(each) for each in store.database.find_integrity_errors()]
+    trials = [trial for each in store.read_participants() for trial in store.read_trials(each.pseudonym)]
+    attempts = [each for one in store.read_participants() for each in store.read_attempts(one.pseudonym)]
     return {
         "participants": len(outcomes),
         "completed": sum(each["ending"] == "completed" for each in outcomes),
@@ -176,9 +176,9 @@ class _Watch(threading.Thread):
                 report = each.report
                 self.counts.count(
                     each.process.pid,
-                    report.seconds,
+                    report.elapsed_s,
                     report.missed_ticks,
-                    report.cpu_share,
+                    report.cpu_load,
                     in_trial=report.phase == "trial",
                 )
             busy = [each for each in sessions if each.report.phase in ("trial", "free", "questionnaire")]

@@ -12,10 +12,10 @@ from urllib.parse import urlsplit
 import httpx
 from websockets.sync.client import ClientConnection, connect
 
-from avrgym.hosting.host import Host
+from avrgym.hosting.host import StudyHost
 from avrgym.hosting.session_pool import HostedSession
 from avrgym.study.people.invitations import create_invitations
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Hello, Message
 from avrgym.vr.server.authentication import Tokens
@@ -40,10 +40,10 @@ def wait_until(condition: Callable[[], Any], what: str) -> Any:
 class Served:
     """A running host, and requests to it."""
 
-    host: Host
+    host: StudyHost
 
     def url(self, path: str, *, experimenter: bool = False) -> str:
-        port = self.host.experimenter_port if experimenter else self.host.port
+        port = self.host.experimenter_port if experimenter else self.host.public_port
         return f"http://localhost:{port}{path}"
 
     def request(
@@ -70,7 +70,7 @@ class Served:
     def enrol(self) -> tuple[str, str]:
         """Enrol a person with an invitation. Returns pseudonym and own token."""
         answer = self.post("participants", token=self.invite(), sex="woman")
-        pseudonym = self.host.store.participants()[-1].pseudonym
+        pseudonym = self.host.store.read_participants()[-1].pseudonym
         return pseudonym, answer.json()["token"]
 
     def stage(self, token: str) -> dict[str, Any]:
@@ -94,9 +94,9 @@ class Served:
         pseudonym, token = self.admit()
         assert self.post("waiting-list", token).status_code == 204
         wait_until(lambda: self.stage(token)["type"] == "session", "the session starts")
-        session = self.host.pool.session_of(pseudonym)
+        session = self.host.pool.find_participant_session(pseudonym)
         assert session is not None
-        wait_until(lambda: session.address, "the session's server starts")
+        wait_until(lambda: session.server_address, "the session's server starts")
         return session, token
 
     @contextmanager
@@ -106,16 +106,18 @@ class Served:
         """A WebSocket to a session, after the hello."""
         path = self.url(f"/session/{session_id}/{channel}", experimenter=experimenter)
         with connect(path.replace("http", "ws", 1), max_size=None, proxy=None, **options) as socket:
-            socket.send(messages.encode(Hello(messages.PROTOCOL_VERSION, token, "test", emulated=True)))
+            socket.send(
+                messages.encode_message(Hello(messages.PROTOCOL_VERSION, token, "test", emulated=True))
+            )
             yield socket
 
 
 @dataclass(frozen=True)
 class HostProcess:
-    """A process of `avrgym host`, with the fields of a ``Host`` that ``Served`` needs. ``store``: of the test."""
+    """A process of `avrgym host`, with the fields of a ``StudyHost`` that ``Served`` needs. ``store``: of the test."""
 
     process: subprocess.Popen[str]
-    store: Store
+    store: StudyStore
     port: int
     experimenter_port: int
     tokens: Tokens
@@ -123,7 +125,7 @@ class HostProcess:
 
 @contextmanager
 def host_process(
-    store: Store, *options: str, port: int = 0, experimenter_port: int = 0
+    store: StudyStore, *options: str, port: int = 0, experimenter_port: int = 0
 ) -> Iterator[tuple[HostProcess, Served]]:
     """Run `avrgym host` until the context ends; then kill it."""
     ports = ("--port", str(port), "--experimenter-port", str(experimenter_port))
@@ -135,7 +137,7 @@ def host_process(
             participants, experimenters = (urlsplit(word).port or 0 for word in islice(words, 2))
             tokens = Tokens.load_or_create(store.folder / "private" / "tokens.json")
             host = HostProcess(process, store, participants, experimenters, tokens)
-            yield host, Served(cast(Host, host))
+            yield host, Served(cast(StudyHost, host))
         finally:
             process.kill()
 

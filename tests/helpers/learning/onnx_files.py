@@ -5,7 +5,7 @@ from pathlib import Path
 import onnx
 
 from avrgym.policies.onnx import make_onnx_model
-from avrgym.policies.trained import Policy
+from avrgym.policies.trained_policies import Policy
 
 
 def save_onnx(policy: Policy, path: Path, rows: int | str | None, *, double: bool) -> None:

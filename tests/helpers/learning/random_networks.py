@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from avrgym.networks.policy import Policy, PolicyMetadata, TrainedHumanMetadata
-from avrgym.tasks.human_view import make_human_observer
-from avrgym.tasks.registry import observation_and_action_size
+from avrgym.tasks.human_observation import make_human_observer
+from avrgym.tasks.registry import get_observation_and_action_size
 
 
 def random_network(
@@ -20,7 +20,7 @@ def random_network(
 ) -> Policy:
     """Return the policy of a human or a robot with random weights."""
     view, joints = make_human_observer(environment)
-    observed, acted = (view.size, joints) if of_human else observation_and_action_size(environment)
+    observed, acted = (view.size, joints) if of_human else get_observation_and_action_size(environment)
     random = np.random.default_rng(seed)
     return Policy(
         weights=(random.normal(0.0, 0.5, (observed, acted)),),

@@ -10,11 +10,11 @@ from avrgym.learning import training
 
 def shorten_training(patch: pytest.MonkeyPatch) -> None:
     """Make trainings use two worlds, one epoch and one evaluation episode."""
-    usual = learning_configuration.configuration_for
+    usual = learning_configuration.make_feedforward_configuration
     little = {"num_envs": 2, "batch_size": 100, "n_epochs": 1}
     patch.setattr(
         learning_configuration,
-        "configuration_for",
+        "make_feedforward_configuration",
         lambda *given, **named: replace(usual(*given, **named), **little),
     )
     patch.setattr(training, "EVALUATION_EPISODES", 1)

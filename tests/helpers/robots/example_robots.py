@@ -7,7 +7,7 @@ from functools import cache
 import mujoco
 
 from avrgym.models.human import Person
-from avrgym.models.robot import Robot, UnsuitableRobotError, robot_spec
+from avrgym.models.robot import Robot, UnsuitableRobotError, build_robot_spec
 from avrgym.models.scene import build_scene_spec
 from avrgym.robots.registry import ROBOTS
 from avrgym.tasks.registry import TASKS
@@ -25,13 +25,13 @@ PERSON = Person("woman", 0.55)
 def robot_model(name: str) -> mujoco.MjModel:
     """Return the model of a robot with its appearance."""
     robot = ALL_ROBOTS[name]
-    return robot_spec(robot, next(iter(robot.arms.values())), appearance=True).compile()
+    return build_robot_spec(robot, next(iter(robot.arms.values())), appearance=True).compile()
 
 
 def scene_of(name: str, task: str) -> mujoco.MjModel | None:
     """Return the scene of a task with a robot and a person, or ``None`` if the robot does not support the task."""
     try:
-        scene = TASKS[task].scene(ALL_ROBOTS[name])
+        scene = TASKS[task].make_scene(ALL_ROBOTS[name])
     except UnsuitableRobotError:
         return None
     return build_scene_spec(scene, PERSON, moving=True, appearance=True).compile()

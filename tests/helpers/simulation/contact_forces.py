@@ -38,11 +38,11 @@ def peak_forces(
 
 def actions_towards(episodes: Episodes, aim: IntArray) -> FloatArray:
     """Return actions (N, A) at full speed that move the tools towards the aimed body part."""
-    state = episodes.simulation.state()
+    state = episodes.simulation.get_state()
     parts = np.concatenate([state.head_pos_w[:, None], state.right_arm_pos_w], axis=1)
     way_w = parts[np.arange(len(aim)), aim] - state.tool_pos_w
-    _, base_q = episodes.simulation.base_pose()
+    _, base_q = episodes.simulation.get_base_pose()
     way = transforms.rotate(transforms.conjugate(base_q), way_w)
-    chain, drives = placement.arm_chain(episodes.scene), episodes.scene.robot.drive is not None
-    jacobian = kinematics.action_jacobian(chain, state.joint_positions, drives=drives)
+    chain, drives = placement.make_arm_chain(episodes.scene), episodes.scene.robot.drive is not None
+    jacobian = kinematics.compute_action_jacobian(chain, state.joint_positions, drives=drives)
     return np.sign(np.einsum("nij,ni->nj", jacobian[:, :3], way))

@@ -5,11 +5,11 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.models import collision_bits
-from avrgym.models.human import seated_joint_angles
-from avrgym.models.robot import PREFIX
+from avrgym.models.human import make_seated_joint_angles
+from avrgym.models.robot import ROBOT_NAME_PREFIX
 from avrgym.tasks.episodes import Episodes
 
-HAND_AT_ROBOT_RAD = seated_joint_angles(right_shoulder_y=23.0, right_shoulder_x=-35.0, right_elbow_x=0.0)
+HAND_AT_ROBOT_RAD = make_seated_joint_angles(right_shoulder_y=23.0, right_shoulder_x=-35.0, right_elbow_x=0.0)
 """Seated, with the right arm stretched down and forward to the mount of the Jaco on the wheelchair."""
 
 
@@ -54,10 +54,10 @@ def deepest_overlap_m(episodes: Episodes) -> float:
     Measures every pair of shapes, without a broad phase.
     """
     simulation = episodes.simulation
-    geoms = simulation.geoms(np.arange(simulation.num_worlds))
+    geoms = simulation.get_geoms(np.arange(simulation.num_worlds))
     model = simulation.batch.get_model(0)
     data = mujoco.MjData(model)
-    fastened = None if episodes.scene.mount.on_floor else PREFIX + episodes.scene.robot.base
+    fastened = None if episodes.scene.mount.is_on_floor else ROBOT_NAME_PREFIX + episodes.scene.robot.base
     robot = [
         geom
         for bits in (collision_bits.ROBOT, collision_bits.TOOL, collision_bits.HULL)
@@ -67,7 +67,7 @@ def deepest_overlap_m(episodes: Episodes) -> float:
     deepest = 0.0
     for world in range(simulation.num_worlds):
         model.geom_size[:] = geoms.size_m[world]
-        data.geom_xpos[:], data.geom_xmat[:] = geoms.pos_w[world], geoms.rotation_w[world]
+        data.geom_xpos[:], data.geom_xmat[:] = geoms.pos_w[world], geoms.rotation_matrix_w[world]
         for first in robot:
             for second in others:
                 mounted = model.body(model.geom_bodyid[first]).name == fastened

@@ -15,4 +15,4 @@ def offset_mount(patch: pytest.MonkeyPatch, *offset_m: float) -> None:
     x, y, z = (float(pos + offset) for pos, offset in zip(mount.pos_w, offset_m, strict=True))
     changed = replace(JACO, mounts={**JACO.mounts, "wheelchair": replace(mount, pos_w=(x, y, z))})
     patch.setitem(registry._robots, "Jaco", changed)
-    placement_check.start_draws_by_body.cache_clear()
+    placement_check.count_samples_by_body.cache_clear()

@@ -10,14 +10,14 @@ from avrgym.array_types import FloatArray
 from avrgym.models import human, robot
 from avrgym.models.scene import DEFAULT_SUBSTEPS, PHYSICS_STEP_S
 from avrgym.people import shoulder_limits
-from avrgym.policies.trained import load_policy
+from avrgym.policies.trained_policies import load_policy
 from avrgym.tasks.episodes import Episodes
 
 SLOW_M_S, SLOW_AFTER_S = 0.05, 0.1
 MAX_REBOUND_M = 0.005
 OBSERVED_S = 1.0
 MAX_STEPS = 40
-WASHCLOTH = robot.PREFIX + "washcloth"
+WASHCLOTH = robot.ROBOT_NAME_PREFIX + "washcloth"
 MOTIONS = ("jerky", "full speed", "towards the person", "trained")
 
 
@@ -62,12 +62,12 @@ def stop_at_random(environment: str, worlds: int, seed: int) -> Stops:
         simulation.step(DEFAULT_SUBSTEPS)
     simulation.command_robot(act())
     simulation.step(int(rng.integers(1, DEFAULT_SUBSTEPS)))
-    before = simulation.state()
+    before = simulation.get_state()
     simulation.brake_robot()
     pos_w = np.stack(
         [_robot_pos_w(episodes), *(_step(episodes) for _ in range(round(OBSERVED_S / PHYSICS_STEP_S)))]
     )
-    return _measure(before.robot_force_n, np.linalg.norm(before.effector_velocity_w, axis=-1), pos_w)
+    return _measure(before.robot_force_n, np.linalg.norm(before.end_effector_velocity_w, axis=-1), pos_w)
 
 
 def _step(episodes: Episodes) -> FloatArray:
@@ -89,8 +89,8 @@ def _robot_pos_w(episodes: Episodes) -> FloatArray:
     """Return the positions (N, B, 3) of the robots' bodies, without the compliant washcloth."""
     simulation = episodes.simulation
     names = enumerate(simulation.bodies)
-    links = [i for i, name in names if name.startswith(robot.PREFIX) and name != WASHCLOTH]
-    return np.stack([simulation.body_poses(world)[links, :3] for world in range(simulation.num_worlds)])
+    links = [i for i, name in names if name.startswith(robot.ROBOT_NAME_PREFIX) and name != WASHCLOTH]
+    return np.stack([simulation.get_body_poses(world)[links, :3] for world in range(simulation.num_worlds)])
 
 
 def _waving(rest_rad: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -106,7 +106,9 @@ def _mixed_actor(episodes: Episodes, rng: np.random.Generator) -> Callable[[], F
     worlds = episodes.simulation.num_worlds
     way = np.arange(worlds) % len(MOTIONS)
     full = np.sign(rng.uniform(-1.0, 1.0, (worlds, episodes.action_size)))
-    policy = load_policy("revised", episodes.environment_id, episodes.observation.size, episodes.action_size)
+    policy = load_policy(
+        "revised", episodes.environment_id, episodes.observation_spec.size, episodes.action_size
+    )
 
     def act() -> FloatArray:
         actions = np.stack(
@@ -126,10 +128,10 @@ def _towards_person(episodes: Episodes, world: int) -> FloatArray:
     """Return the action (A,) that moves the end effector fastest towards a person's torso or head. A drive stands."""
     simulation, arm = episodes.simulation, episodes.scene.arm
     model, data = simulation.batch.get_model(world), simulation.batch.get_data(world)
-    effector = model.body(robot.PREFIX + arm.end_effector).id
-    goal_w = data.body(human.PREFIX + ("torso" if world % 8 < 4 else "head")).xpos
+    effector = model.body(robot.ROBOT_NAME_PREFIX + arm.end_effector).id
+    goal_w = data.body(human.PERSON_NAME_PREFIX + ("torso" if world % 8 < 4 else "head")).xpos
     jacobian = np.zeros((3, model.nv))
     mujoco.mj_jacBody(model, data, jacobian, None, effector)
-    dofs = [model.joint(robot.PREFIX + joint).dofadr[0] for joint in arm.joints]
+    dofs = [model.joint(robot.ROBOT_NAME_PREFIX + joint).dofadr[0] for joint in arm.joints]
     gradient = jacobian[:, dofs].T @ (goal_w - data.xpos[effector])
     return np.append(gradient / np.abs(gradient).max(), np.zeros(episodes.action_size - len(dofs)))

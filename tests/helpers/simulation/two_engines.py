@@ -38,7 +38,7 @@ def step_both(both: list[Episodes], expert: Controller, steps: int) -> Iterator[
     for _ in range(steps):
         action = np.asarray(expert(threads.observe()), float)
         first, second = threads.step(action), warp.step(action)
-        apart = np.abs(threads.simulation.joint_positions() - warp.simulation.joint_positions()).max()
+        apart = np.abs(threads.simulation.get_joint_positions() - warp.simulation.get_joint_positions()).max()
         yield Comparison(first, second, float(apart))
 
 
@@ -46,5 +46,5 @@ def copy_state(both: list[Episodes]) -> None:
     """Copy the state of the worlds on threads to Warp."""
     threads, warp = (episodes.simulation for episodes in both)
     for world in range(threads.num_worlds):
-        warp.set_integration_state(threads.integration_state(world), world)
+        warp.set_integration_state(threads.get_integration_state(world), world)
     both[1].task_state = both[0].task_state

@@ -10,15 +10,17 @@ from avrgym.models.human import JOINTS
 from avrgym.recording.configuration import BodyModel, TrialConfiguration
 from avrgym.recording.reader import Recording, read_header
 from avrgym.study.design.design import Design
-from avrgym.study.storage.rows import Trial
-from avrgym.tasks.registry import TASKS, find_environment, plugins_of
-from avrgym.vr.session.attempt import versions
+from avrgym.study.storage.database_rows import Trial
+from avrgym.tasks.registry import TASKS, find_environment, find_plugins
+from avrgym.vr.session.attempt import read_package_versions
 from helpers.system.paths import OLD_RECORDING
 
 
 def configuration(**changes: Any) -> TrialConfiguration:
     """Return a valid configuration of this version with changed fields."""
-    return replace(read_header(OLD_RECORDING).configuration, **{"versions": versions()} | changes)
+    return replace(
+        read_header(OLD_RECORDING).configuration, **{"versions": read_package_versions()} | changes
+    )
 
 
 def made_recording(*messages: tuple[str, int, Any], **changes: Any) -> Recording:
@@ -37,12 +39,12 @@ def trial_configuration(
     """Return the configuration of a trial of a design."""
     task, _ = find_environment(trial.environment)
     values = {
-        "versions": versions(),
+        "versions": read_package_versions(),
         "environment": trial.environment,
         "policy": trial.policy,
         "seed": trial.seed,
         "practice": trial.practice,
-        "goal": design.goals.get(task) or TASKS[task].goal,
+        "goal": design.goals.get(task) or TASKS[task].goal_description,
         "trial_number": trial.position,
         "planned_steps": design.trial_steps,
         "simulated": simulated,
@@ -53,8 +55,8 @@ def trial_configuration(
         "free_movement_s": design.free_movement_s,
         "stop_rules": design.stop_rules,
         "furniture": design.furniture,
-        "reward_weights": dict(TASKS[task].weights),
-        "items": () if trial.practice else design.items_at_moment("after_trial", trial.seed),
-        "plugins": plugins_of(trial.environment),
+        "reward_weights": dict(TASKS[task].reward_weights),
+        "items": () if trial.practice else design.list_items_at_moment("after_trial", trial.seed),
+        "plugins": find_plugins(trial.environment),
     }
     return configuration(**values | changes)

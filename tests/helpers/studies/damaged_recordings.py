@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from avrgym.study.export.trials import completed_attempts, verify_attempts
-from avrgym.study.storage.store import Store
+from avrgym.study.export.exported_attempts import list_completed_attempts, verify_attempts
+from avrgym.study.storage.store import StudyStore
 
 RECORDING = "recordings/sub-001/ses-01/trial-02_attempt-1.mcap"
 
@@ -25,8 +25,8 @@ def count_undetected(folder: Path, count: int) -> int:
     path = folder / RECORDING
     content = path.read_bytes()
     unnoticed = 0
-    with Store(folder) as store:
-        (exported,) = (each for each in completed_attempts(store) if each.attempt.recording == RECORDING)
+    with StudyStore(folder) as store:
+        (exported,) = (each for each in list_completed_attempts(store) if each.attempt.recording == RECORDING)
         for damaged in damaged_copies(content, count, np.random.default_rng(4)):
             path.write_bytes(damaged)
             unnoticed += not verify_attempts([exported])[1]

@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import NamedTuple
 
-from avrgym.policies.trained import packaged_policies
+from avrgym.policies.trained_policies import find_packaged_policies
 from avrgym.questionnaires.jian_trust import JIAN_TRUST
 from avrgym.questionnaires.nasa_tlx import NASA_TLX
-from avrgym.study.design.design import default_design_text
-from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion
-from avrgym.study.storage.store import Store
+from avrgym.study.design.design import read_default_design_text
+from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion_answers
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.small_studies import eligible_answers, run_participant
 
 QUESTIONNAIRES = """\
@@ -54,7 +54,7 @@ GERMAN = {
         words: f"{words} (auf Deutsch)"
         for instrument in (NASA_TLX, JIAN_TRUST)
         for item in instrument.items
-        for words in (item.text, item.low_label, item.high_label, *item.labels)
+        for words in (item.text, item.low_label, item.high_label, *item.option_labels)
         if words
     },
 }
@@ -270,7 +270,7 @@ EDITS = {
 
 def make_edited_study(folder: Path) -> Path:
     """Create a study in two languages with questionnaires of all kinds, a stop rule and its own policy."""
-    text = default_design_text().replace("[goals]", QUESTIONNAIRES)
+    text = read_default_design_text().replace("[goals]", QUESTIONNAIRES)
     for before, after in {
         'tasks = ["Feeding", "Drinking", "ScratchItch", "BedBathing"]': 'tasks = ["Feeding"]',
         'policies = ["original", "revised"]': 'policies = ["original", "mine"]',
@@ -286,7 +286,7 @@ def make_edited_study(folder: Path) -> Path:
     )
     (folder / JIAN).write_text(TRUST)
     for robot in ("Jaco", "PR2"):
-        packaged = packaged_policies(f"avrgym/Feeding{robot}-v1")
+        packaged = find_packaged_policies(f"avrgym/Feeding{robot}-v1")
         (folder / "mine" / f"Feeding{robot}.safetensors").write_bytes(packaged["revised"].read_bytes())
     (folder / DESIGN).write_text(text)
     return folder
@@ -300,10 +300,12 @@ def edit(folder: Path, *names: str) -> None:
         (folder / each.file).write_text(text.replace(each.before, each.after), encoding="utf-8")
 
 
-def participate(store: Store, language: str, *, simulated: bool = True, trials: int | None = None) -> str:
+def participate(
+    store: StudyStore, language: str, *, simulated: bool = True, trials: int | None = None
+) -> str:
     """Run a participant's session in a language."""
     pseudonym = enrol_participant(store, "woman", age_years=30, language=language, simulated=simulated)
     record_consent(store, pseudonym)
-    assert record_inclusion(store, pseudonym, eligible_answers(store))
+    assert record_inclusion_answers(store, pseudonym, eligible_answers(store))
     run_participant(store, pseudonym, trials, simulated=simulated)
     return pseudonym

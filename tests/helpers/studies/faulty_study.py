@@ -10,26 +10,26 @@ import numpy as np
 
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.recording.reader import read_recording
-from avrgym.study.checking.checks import check_study
-from avrgym.study.sessions.serving import StudySessions
-from avrgym.study.storage.answers import attempts_with_open_questionnaire
-from avrgym.study.storage.rows import TrialAttempt
-from avrgym.study.storage.store import Store
+from avrgym.study.checking.study_checks import check_study
+from avrgym.study.sessions.study_sessions import StudySessions
+from avrgym.study.storage.answers import find_attempts_with_open_questionnaire
+from avrgym.study.storage.database_rows import TrialAttempt
+from avrgym.study.storage.store import StudyStore
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol.messages import (
     TICK_S,
     Answer,
-    Entered,
-    Left,
     ParticipantDisconnected,
+    ParticipantReady,
     Question,
-    Ready,
     Scene,
     SceneLoaded,
     SentMessage,
-    Tracking,
+    TrackingFrameMessage,
     VisibilityChanged,
+    VrEntered,
+    VrLeft,
 )
 from helpers.studies.small_studies import enrol_with_consent
 from helpers.vr.device_switch_examples import SIDES, measured_pose, random_error
@@ -88,7 +88,7 @@ class Expected:
 class FaultyStudy:
     """Runs a study with random faults. ``attempts`` contains the expected result of each attempt."""
 
-    def __init__(self, store: Store, seed: int) -> None:
+    def __init__(self, store: StudyStore, seed: int) -> None:
         self.store, self.rng = store, random.Random(seed)
         self.devices = np.random.default_rng(seed)
         self.attempts: dict[str, list[Expected]] = {}
@@ -106,8 +106,8 @@ class FaultyStudy:
             self.attempts[self.pseudonym] = []
             self.participant = SimulatedParticipant(sample_participant_traits("woman", number), number)
             self._open()
-            ends = self.ticks + LIMIT_TICKS * len(self.store.trials(self.pseudonym))
-            while self.sessions.participant is not None:
+            ends = self.ticks + LIMIT_TICKS * len(self.store.read_trials(self.pseudonym))
+            while self.sessions.running_participant is not None:
                 assert self.ticks < ends, f"still in {self.phase}"
                 self._tick()
             self.sessions.close(self.now_s)
@@ -172,7 +172,7 @@ class FaultyStudy:
             rng.choice((0.1, 0.3, 0.6, 1.6, 2.5)),
             rng.choice(TRACKED_PARTS),
         )
-        self.attempts[self.pseudonym].append(Expected(fault, task.tracked))
+        self.attempts[self.pseudonym].append(Expected(fault, task.tracked_body_parts))
 
     def _fault(self) -> None:
         """Start or end a fault."""
@@ -194,7 +194,7 @@ class FaultyStudy:
             self._connected = False
             self._send(ParticipantDisconnected())
         elif fault.kind == "leave":
-            self._send(Left())
+            self._send(VrLeft())
         elif fault.kind == "restart":
             self.sessions.close(self.now_s)
             self._open()
@@ -221,7 +221,7 @@ class FaultyStudy:
         if not self._connected:
             self._connect()
             if expected.fault.kind == "network":
-                self._send(Entered())
+                self._send(VrEntered())
 
     def _attend(self) -> None:
         """Send frames, and respond to the phase at intervals."""
@@ -240,17 +240,17 @@ class FaultyStudy:
         trials = session.plan.trials
         self.participant.adopt_posture(trials[min(session.trial_index, len(trials) - 1)].environment)
         if self.phase == "waiting":
-            self._send(Entered())
+            self._send(VrEntered())
         elif self.phase in ("calibration", "check", "ready", "paused", "confirm"):
             if self.now_s - self._began_s > 0.8:
-                self._send(Ready())
+                self._send(ParticipantReady())
         elif self.phase == "questionnaire":
             asked = self._latest(Question)
             assert isinstance(asked, Question)
             self._send(Answer(asked.item, self.rng.randint(1, asked.points), 0.4))
 
-    def _frame(self) -> Tracking:
-        frame = self.participant.tracking_frame(self.now_s, moving=self.phase != "calibration")
+    def _frame(self) -> TrackingFrameMessage:
+        frame = self.participant.make_tracking_frame(self.now_s, moving=self.phase != "calibration")
         changes: dict[str, Any] = dict.fromkeys(self._missing)
         for hand in {"left", "right"} & self._missing:
             changes[f"{hand}_modality"] = "none"
@@ -268,7 +268,7 @@ class FaultyStudy:
         """Return the differences between study and oracle as text."""
         found: list[str] = []
         for pseudonym, expected in self.attempts.items():
-            stored = self.store.attempts(pseudonym)
+            stored = self.store.read_attempts(pseudonym)
             if len(stored) != len(expected):
                 found.append(f"{pseudonym}: {len(stored)} attempts, {len(expected)} began")
             for attempt, each in zip(stored, expected, strict=False):
@@ -285,27 +285,27 @@ class FaultyStudy:
         """Return how many frames were rejected after a switch of devices; 0 is expected."""
         if switch.happened_s is None:
             return 0
-        recording = read_recording(self.store.absolute_path(attempt.recording))
+        recording = read_recording(self.store.resolve_path(attempt.recording))
         frames = [frame for _, frame in recording.messages_by_topic["/tracking"]]
         return sum(frame.rejected or bool(frame.rejected_parts) for frame in frames)
 
     def _faults_of_trials(self, pseudonym: str) -> list[str]:
         found: list[str] = []
-        attempts, answers = self.store.attempts(pseudonym), self.store.answers(pseudonym)
-        if attempts_with_open_questionnaire(self.store, attempts):
+        attempts, answers = self.store.read_attempts(pseudonym), self.store.read_answers(pseudonym)
+        if find_attempts_with_open_questionnaire(self.store, attempts):
             found.append(f"{pseudonym}: a questionnaire is open")
-        for trial in self.store.trials(pseudonym):
+        for trial in self.store.read_trials(pseudonym):
             own = [each for each in attempts if each.trial == trial.id and each.state == "completed"]
             if len(own) != 1:
                 found.append(f"{trial} has {len(own)} completed attempts")
                 continue
             given = {each.item: each.value for each in answers if each.attempt == own[0].id}
-            recording = read_recording(self.store.absolute_path(own[0].recording))
+            recording = read_recording(self.store.resolve_path(own[0].recording))
             recorded = {answer.item: answer.value for _, answer in recording.messages_by_topic["/answers"]}
             asked = (
                 []
                 if trial.practice
-                else [item.id for item in self.store.design.items_at_moment("after_trial")]
+                else [item.id for item in self.store.design.list_items_at_moment("after_trial")]
             )
             if sorted(given) != sorted(asked) or given != recorded:
                 found.append(f"{trial}: {given} stored, {recorded} recorded of {asked}")

@@ -4,9 +4,9 @@ import random
 import shutil
 from pathlib import Path
 
-from avrgym.study.checking.checks import check_study
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.checking.study_checks import check_study
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 
 
 def flip_bit(study: Path, copy: Path, rng: random.Random, name: str) -> int:
@@ -23,7 +23,7 @@ def flip_bit(study: Path, copy: Path, rng: random.Random, name: str) -> int:
 def is_detected(study: Path) -> bool:
     """Return whether a study fails to open or its check finds an error."""
     try:
-        with Store(study) as store:
+        with StudyStore(study) as store:
             return any(finding.is_error for finding in check_study(store))
     except StudyError:
         return True

@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from msgspec.structs import asdict
 
-from avrgym.analysis import output
-from avrgym.analysis.study import StudyAnalysis
+from avrgym.analysis import output_files
+from avrgym.analysis.study_analysis import StudyAnalysis
 from avrgym.models import human
 from avrgym.models.human import Sex
 from avrgym.recording.configuration import BodyModel
 from avrgym.recording.schema import Answer, BodyTargets, Control, Latency, Metrics, Outcome, TrackingFrame
 from avrgym.recording.writer import RecordingWriter
 from avrgym.study.design.design import Design
-from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion
+from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion_answers
 from avrgym.study.storage.answers import record_trial_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_incomplete_attempt
-from avrgym.study.storage.rows import Participant, Trial, TrialAttempt
+from avrgym.study.storage.database_rows import Participant, Trial, TrialAttempt
 from avrgym.study.storage.sessions import close_session, open_session
-from avrgym.study.storage.store import Store
-from avrgym.vr.latency import STAGES
+from avrgym.study.storage.store import StudyStore
+from avrgym.vr.latency import LATENCY_STAGES
 from helpers.studies.configurations import trial_configuration
 from helpers.studies.small_studies import eligible_answers
 
@@ -32,11 +32,11 @@ ITEMS = ("L1", "L2", "L3", "L4")
 Rate = Callable[[Participant, Trial, str], int]
 
 
-def enrol_included(store: Store, sex: Sex = "woman", *, simulated: bool = True, site: str = "") -> str:
+def enrol_included(store: StudyStore, sex: Sex = "woman", *, simulated: bool = True, site: str = "") -> str:
     """Enrol a participant with consent, inclusion and an order."""
     pseudonym = enrol_participant(store, sex, age_years=22, simulated=simulated, site=site)
     record_consent(store, pseudonym)
-    record_inclusion(store, pseudonym, eligible_answers(store))
+    record_inclusion_answers(store, pseudonym, eligible_answers(store))
     return pseudonym
 
 
@@ -52,20 +52,20 @@ def torso_height_m(participant: Participant) -> float:
 
 
 def run_trials(
-    store: Store,
+    store: StudyStore,
     pseudonym: str,
     count: int | None = None,
     rate: Rate = random_answer,
     held: Mapping[int, int] | None = None,
 ) -> None:
     """Run a participant's next trials. ``held``: number of rejected last frames, by position of the trial."""
-    participant = store.participant(pseudonym)
+    participant = store.read_participant(pseudonym)
     session = open_session(store, pseudonym)
-    for trial in store.remaining_trials(pseudonym)[:count]:
+    for trial in store.read_remaining_trials(pseudonym)[:count]:
         attempt = begin_attempt(store, session.id, trial.position)
         frames_held = (held or {}).get(trial.position, 0)
         metrics = record_trial(
-            store.absolute_path(attempt.recording), store.design, participant, trial, held=frames_held
+            store.resolve_path(attempt.recording), store.design, participant, trial, held=frames_held
         )
         if not trial.practice:
             for item in ITEMS:
@@ -74,10 +74,10 @@ def run_trials(
     close_session(store, session.id)
 
 
-def interrupt_trial(store: Store, pseudonym: str) -> TrialAttempt:
+def interrupt_trial(store: StudyStore, pseudonym: str) -> TrialAttempt:
     """Run a session that stops in the first remaining trial."""
     session = open_session(store, pseudonym)
-    attempt = begin_attempt(store, session.id, store.remaining_trials(pseudonym)[0].position)
+    attempt = begin_attempt(store, session.id, store.read_remaining_trials(pseudonym)[0].position)
     end_incomplete_attempt(store, attempt.id, "stopped")
     close_session(store, session.id)
     return attempt
@@ -106,7 +106,7 @@ def record_trial(
     lean_deg, reward = rng.uniform(-5.0, 15.0), 0.0
     for step in range(1, STEPS + 1):
         time_ns = step * 100_000_000
-        angles = human.seated_joint_angles(waist_x=lean_deg + step, head_z=5.0 * step)
+        angles = human.make_seated_joint_angles(waist_x=lean_deg + step, head_z=5.0 * step)
         holds = step > STEPS - held
         writer.write(
             "/tracking",
@@ -129,7 +129,7 @@ def latency_of(participant: Participant) -> Latency:
     """Return the latency of three frames: 10, 20 and 30 ms plus the participant's number."""
     waits_ms = [participant.number + 10.0 * each for each in (1, 2, 3)]
     even = [1.0] * len(waits_ms)
-    stages = dict.fromkeys(STAGES, even) | {STAGES[-1]: waits_ms}
+    stages = dict.fromkeys(LATENCY_STAGES, even) | {LATENCY_STAGES[-1]: waits_ms}
     return Latency([1, 2, 3], **stages)
 
 
@@ -141,8 +141,8 @@ def _control(step: int, reward: float) -> Control:
 def write_without_figures(analysis: StudyAnalysis, study: Path, out: Path) -> Path:
     """Write report, tables and results, which takes a third of the time with figures."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(output, "draw_figures", lambda _: [])
-        return output.write_analysis(analysis, study, out)
+        patch.setattr(output_files, "draw_figures", lambda _: [])
+        return output_files.write_analysis(analysis, study, out)
 
 
 def read_table(folder: Path, name: str) -> list[Mapping[str, str]]:

@@ -6,20 +6,20 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from avrgym.recording.reader import read_recording
-from avrgym.study.sessions import visit
-from avrgym.study.sessions.serving import StudySessions
-from avrgym.study.storage.store import Store
+from avrgym.study.sessions import study_visit
+from avrgym.study.sessions.study_sessions import StudySessions
+from avrgym.study.storage.store import StudyStore
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol.messages import (
     TICK_S,
     Answer,
-    Entered,
+    MessageSender,
+    ParticipantReady,
     Question,
-    Ready,
     Scene,
     SceneLoaded,
-    SendMessage,
     SentMessage,
+    VrEntered,
 )
 
 ANSWERS = {"L1": 1, "L2": 2, "L3": 3, "L4": 4}
@@ -28,9 +28,9 @@ ANSWERS = {"L1": 1, "L2": 2, "L3": 3, "L4": 4}
 class ServerDay:
     """The sessions of one server process with a simulated participant."""
 
-    def __init__(self, store: Store, pseudonym: str) -> None:
+    def __init__(self, store: StudyStore, pseudonym: str) -> None:
         self.inbox: list[SentMessage] = []
-        send: SendMessage = self.inbox.append
+        send: MessageSender = self.inbox.append
         self.sessions = StudySessions(store, send, first=pseudonym)
         self.sessions.send_initial_state(send, "participant", 0.0)
         self.participant = SimulatedParticipant(sample_participant_traits("woman", 1), 1)
@@ -39,7 +39,7 @@ class ServerDay:
     @property
     def phase(self) -> str:
         session = self.sessions._session
-        return "over" if session is None or self.sessions.participant is None else session.phase_name
+        return "over" if session is None or self.sessions.running_participant is None else session.phase_name
 
     def send(self, *sent) -> None:
         for message in sent:
@@ -47,12 +47,14 @@ class ServerDay:
 
     def tick(self) -> None:
         if self.ticks % 4 == 0:
-            frame = self.participant.tracking_frame(self.ticks * TICK_S, moving=self.phase != "calibration")
+            frame = self.participant.make_tracking_frame(
+                self.ticks * TICK_S, moving=self.phase != "calibration"
+            )
             self.send(frame)
         if self.phase == "loading":
             self.send(SceneLoaded([each for each in self.inbox if isinstance(each, Scene)][-1].url))
         if self.phase in ("calibration", "check", "ready", "paused") and self.ticks % 40 == 39:
-            self.send(Ready())
+            self.send(ParticipantReady())
         self.sessions.tick(self.ticks * TICK_S)
         self.ticks += 1
 
@@ -91,17 +93,17 @@ def kill_server_in(folder: Path, pseudonym: str, phase: str, answers: int, store
 
 def _attend(folder: Path, pseudonym: str, phase: str, answers: int, stored: int, reports: Connection) -> None:
     """Advance to a phase, report it, and wait."""
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         day = ServerDay(store, pseudonym)
-        day.send(Entered())
+        day.send(VrEntered())
         day.run_until("questionnaire" if answers else phase)
         day.answer(min(stored, answers))
         if stored < answers:
-            visit.record_trial_answer = lambda *_: None
+            study_visit.record_trial_answer = lambda *_: None
             day.answer(answers - stored)
         day.tick()
-        (attempt,) = store.attempts(pseudonym)
-        recording = store.absolute_path(attempt.recording)
+        (attempt,) = store.read_attempts(pseudonym)
+        recording = store.resolve_path(attempt.recording)
         while phase != "trial" and read_recording(recording).robot_outcome is None:
             time.sleep(0.01)
         while stored < answers > len(read_recording(recording).messages_by_topic["/answers"]):

@@ -3,19 +3,17 @@
 import numpy as np
 
 from avrgym.analysis.models.effects import TrialValue
-from avrgym.analysis.power.power import ordered_trial_values
+from avrgym.analysis.power.power_simulation import order_trial_values
 from avrgym.analysis.power.simulated_studies import PowerAssumptions, SimulatedStudies
 from avrgym.array_types import FloatArray
-from avrgym.study.design.allocation import trial_orders
+from avrgym.study.design.allocation import make_trial_orders
 from avrgym.study.design.design import Design
 
 
 def trial_values(design: Design, values: FloatArray) -> list[TrialValue]:
     """Return the trials of a study with values (participants, tasks, robots, policies)."""
-    orders = trial_orders(design)
-    return ordered_trial_values(
-        design, values, [orders[number % len(orders)] for number in range(len(values))]
-    )
+    orders = make_trial_orders(design)
+    return order_trial_values(design, values, [orders[number % len(orders)] for number in range(len(values))])
 
 
 def simulated_answers(

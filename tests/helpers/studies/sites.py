@@ -7,10 +7,10 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from avrgym.study.checking.checks import check_study
-from avrgym.study.merge.merging import merge_studies
+from avrgym.study.checking.study_checks import check_study
+from avrgym.study.merge.study_merge import merge_studies
 from avrgym.study.storage import hash_chain
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
 
 Tree = dict[str, bytes]
@@ -28,8 +28,8 @@ def make_site(folder: Path, site: str = "", *, trials: tuple[int | None, ...] = 
 
 def add_participant(folder: Path, trials: int | None) -> str:
     """Add a participant with a name and run their first trials."""
-    with Store(folder) as store:
-        name = f"Grace Unverwechselbar {len(store.participants())}"
+    with StudyStore(folder) as store:
+        name = f"Grace Unverwechselbar {len(store.read_participants())}"
         pseudonym = enrol_with_consent(store, simulated=False, name=name)
         run_participant(store, pseudonym, trials, simulated=False)
     return pseudonym
@@ -50,28 +50,28 @@ def files_in(folder: Path) -> Tree:
 
 def check_errors(folder: Path) -> list[str]:
     """Return the errors that the check of a study finds."""
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         return [f"{each.where}: {each.message}" for each in check_study(store) if each.is_error]
 
 
 def study_contents(folder: Path) -> dict[str, list[Any]]:
     """Return the rows of each participant and the bytes of their recordings."""
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         return {
             person.pseudonym: [
                 person,
-                store.sessions(person.pseudonym),
-                store.trials(person.pseudonym),
-                store.attempts(person.pseudonym),
-                store.answers(person.pseudonym),
-                [event for event in store.events() if event.participant == person.number],
-                store.notes(person.pseudonym),
+                store.read_sessions(person.pseudonym),
+                store.read_trials(person.pseudonym),
+                store.read_attempts(person.pseudonym),
+                store.read_answers(person.pseudonym),
+                [event for event in store.read_events() if event.participant == person.number],
+                store.read_notes(person.pseudonym),
                 {
-                    each.recording: store.absolute_path(each.recording).read_bytes()
-                    for each in store.attempts(person.pseudonym)
+                    each.recording: store.resolve_path(each.recording).read_bytes()
+                    for each in store.read_attempts(person.pseudonym)
                 },
             ]
-            for person in store.participants()
+            for person in store.read_participants()
         }
 
 
@@ -92,8 +92,8 @@ def _merge(folders: Sequence[Path], out: Path, steps: int | None) -> None:
     if steps is not None:
         left = iter(range(steps))
         os.replace = _killing(os.replace, left)
-        hash_chain.insert = _killing(hash_chain.insert, left)
-        hash_chain.append_entries = _killing(hash_chain.append_entries, left)
+        hash_chain.insert_row = _killing(hash_chain.insert_row, left)
+        hash_chain.append_chain_entries = _killing(hash_chain.append_chain_entries, left)
     merge_studies(folders, out)
 
 

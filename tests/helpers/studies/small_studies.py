@@ -29,13 +29,13 @@ from avrgym.recording.schema import (
     TrackingFrame,
 )
 from avrgym.recording.writer import RecordingWriter
-from avrgym.study.design.design import default_design_text
-from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion
+from avrgym.study.design.design import read_default_design_text
+from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion_answers
 from avrgym.study.storage.answers import record_trial_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
-from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt
+from avrgym.study.storage.database_rows import StudySession, Trial, TrialAttempt
 from avrgym.study.storage.sessions import close_session, open_session
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 from helpers.studies.configurations import trial_configuration
 from helpers.system.processes import kill_with_parent
 
@@ -64,7 +64,7 @@ def make_study(folder: Path, **changes: str) -> Path:
 
     The headset check is off by default.
     """
-    text = default_design_text()
+    text = read_default_design_text()
     for name, value in ({"headset_check": "false"} | changes).items():
         (line,) = (line for line in text.splitlines() if line.startswith(f"{name} = "))
         text = text.replace(line, f"{name} = {value}")
@@ -78,23 +78,23 @@ def small_study(folder: Path) -> Path:
     return make_study(folder, tasks='["Feeding"]')
 
 
-def eligible_answers(store: Store) -> dict[str, bool]:
+def eligible_answers(store: StudyStore) -> dict[str, bool]:
     """Return inclusion answers of an eligible participant."""
     return {question.id: question.required for question in store.design.inclusion}
 
 
-def enrol_with_consent(store: Store, simulated: bool = True, name: str = "", contact: str = "") -> str:
+def enrol_with_consent(store: StudyStore, simulated: bool = True, name: str = "", contact: str = "") -> str:
     """Enrol a participant with consent and an order."""
     pseudonym = enrol_participant(
         store, "woman", age_years=22, name=name, contact=contact, simulated=simulated
     )
     record_consent(store, pseudonym)
-    assert record_inclusion(store, pseudonym, eligible_answers(store))
+    assert record_inclusion_answers(store, pseudonym, eligible_answers(store))
     return pseudonym
 
 
 def record(
-    store: Store, attempt: TrialAttempt, trial: Trial, *, simulated: bool = True, **changes: Any
+    store: StudyStore, attempt: TrialAttempt, trial: Trial, *, simulated: bool = True, **changes: Any
 ) -> None:
     """Write a complete recording of an attempt: a few steps, frames and answers.
 
@@ -107,7 +107,7 @@ def record(
         "person": BodyModel("woman", TORSO_HEIGHT_M, "fair"),
     }
     configuration = trial_configuration(store.design, trial, **values | changes)
-    writer = RecordingWriter(store.absolute_path(attempt.recording), configuration)
+    writer = RecordingWriter(store.resolve_path(attempt.recording), configuration)
     for step in range(1, STEPS + 1):
         time_ns = step * 100_000_000
         writer.write("/tracking", time_ns, _frame(step))
@@ -120,7 +120,7 @@ def record(
         writer.write("/streams", 100_000_000, stream)
         writer.write("/samples", 400_000_000, samples)
     if not trial.practice:
-        for value, item in enumerate(store.design.items_at_moment("after_trial"), start=3):
+        for value, item in enumerate(store.design.list_items_at_moment("after_trial"), start=3):
             writer.write("/answers", 400_000_000, Answer(item.id, min(value, item.points), 1.25))
     writer.close(Outcome(result="completed", **asdict(METRICS)))
 
@@ -134,24 +134,24 @@ def _frame(step: int) -> TrackingFrame:
 
 
 def run_trial(
-    store: Store, session: StudySession, trial: Trial, *, simulated: bool = True, **changes: Any
+    store: StudyStore, session: StudySession, trial: Trial, *, simulated: bool = True, **changes: Any
 ) -> TrialAttempt:
     """Run one trial: attempt, recording, answers, completion."""
     attempt = begin_attempt(store, session.id, trial.position)
     record(store, attempt, trial, simulated=simulated, **changes)
     if not trial.practice:
-        for value, item in enumerate(store.design.items_at_moment("after_trial"), start=3):
+        for value, item in enumerate(store.design.list_items_at_moment("after_trial"), start=3):
             record_trial_answer(store, attempt.id, Answer(item.id, min(value, item.points), 1.25))
     complete_attempt(store, attempt.id, METRICS)
     return attempt
 
 
 def run_participant(
-    store: Store, pseudonym: str, trials: int | None = None, *, simulated: bool = True, **changes: Any
+    store: StudyStore, pseudonym: str, trials: int | None = None, *, simulated: bool = True, **changes: Any
 ) -> None:
     """Run a session with a participant's remaining trials, at most ``trials``."""
     session = open_session(store, pseudonym)
-    for trial in store.remaining_trials(pseudonym)[:trials]:
+    for trial in store.read_remaining_trials(pseudonym)[:trials]:
         run_trial(store, session, trial, simulated=simulated, **changes)
     close_session(store, session.id)
 

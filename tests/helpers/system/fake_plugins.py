@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.system import plugins
-from avrgym.system.used_plugins import content_sha256
+from avrgym.system.used_plugins import compute_module_sha256
 
 MODULE = "lab_robots"
 
@@ -26,11 +26,11 @@ def register(patch: pytest.MonkeyPatch, folder: Path, group: str, name: str) -> 
     entry = EntryPoint(name.lower(), f"{MODULE}.robot:ROBOT", group)
     vars(entry)["dist"] = Distribution.at(about)
     patch.setitem(plugins._loaded, (group, name), entry)
-    content_sha256.cache_clear()
+    compute_module_sha256.cache_clear()
     return package / "robot.py"
 
 
 def change(module: Path) -> None:
     """Change the plug-in's source, and clear the cached checksum."""
     module.write_text("SPEED = 2.0\n")
-    content_sha256.cache_clear()
+    compute_module_sha256.cache_clear()

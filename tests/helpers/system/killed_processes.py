@@ -19,12 +19,12 @@ import msgspec
 from avrgym.recording.reader import RecordingError, read_recording
 from avrgym.recording.schema import Metrics, Outcome
 from avrgym.recording.writer import RecordingWriter
-from avrgym.study.checking.checks import check_study
+from avrgym.study.checking.study_checks import check_study
 from avrgym.study.export import export_study
-from avrgym.study.sessions import visit
-from avrgym.study.sessions.simulation import DryRunSettings, find_or_enrol_participant, simulate_participant
-from avrgym.study.storage.rows import Trial
-from avrgym.study.storage.store import Store
+from avrgym.study.sessions import study_visit
+from avrgym.study.sessions.dry_run import DryRunSettings, find_or_enrol_participant, simulate_participant
+from avrgym.study.storage.database_rows import Trial
+from avrgym.study.storage.store import StudyStore
 from avrgym.vr.emulation import in_process_client
 from avrgym.vr.session.plan import SessionPlan
 
@@ -38,8 +38,8 @@ def shorten_delays() -> None:
     """Shorten the delays of simulated participants in this process."""
     in_process_client.CALIBRATION_STILL_TIME_S = 0.6
     in_process_client.ANSWER_DELAY_S = 0.05
-    plan_session: Callable[..., SessionPlan] = visit.plan_session
-    visit.plan_session = lambda *given, **how: replace(plan_session(*given, **how), countdown_s=0.1)
+    plan_session: Callable[..., SessionPlan] = study_visit.plan_session
+    study_visit.plan_session = lambda *given, **how: replace(plan_session(*given, **how), countdown_s=0.1)
 
 
 def take_part(folder: Path, pseudonym: str, seed: int, journal: Path) -> None:
@@ -64,7 +64,7 @@ def _note_records(journal: Path) -> None:
 def start_participant(folder: Path, pseudonym: str, seed: int, journal: Path) -> BaseProcess:
     """Run a participant's session in another process."""
     context = get_context("forkserver")
-    context.set_forkserver_preload(["avrgym.study.sessions.simulation"])
+    context.set_forkserver_preload(["avrgym.study.sessions.dry_run"])
     journal.mkdir(exist_ok=True)
     process = context.Process(target=take_part, args=(folder, pseudonym, seed, journal))
     process.start()
@@ -102,15 +102,15 @@ def _lost_s(path: Path, journal: Path) -> float:
 
 
 def completed_results(
-    store: Store, pseudonym: str
+    store: StudyStore, pseudonym: str
 ) -> list[tuple[Trial, Metrics, list[tuple[str, int, float]]]]:
     """Return a participant's completed trials with their metrics and answers."""
-    answers = store.answers(pseudonym)
-    completed = {a.trial: a for a in store.attempts(pseudonym) if a.state == "completed"}
+    answers = store.read_answers(pseudonym)
+    completed = {a.trial: a for a in store.read_attempts(pseudonym) if a.state == "completed"}
     return [
         (trial, completed[trial.id].metrics,
          [(g.item, g.value, g.response_time_s) for g in answers if g.attempt == completed[trial.id].id])
-        for trial in store.trials(pseudonym) if trial.id in completed
+        for trial in store.read_trials(pseudonym) if trial.id in completed
     ]  # fmt: skip
 
 
@@ -134,8 +134,8 @@ def compare_with_killed(undisturbed: Path, folder: Path, journal: Path, kills: i
 
 def _first_session_s(folder: Path) -> float:
     """Return the duration of the first participant's session, s."""
-    with Store(folder) as store:
-        session = store.sessions("sub-001")[0]
+    with StudyStore(folder) as store:
+        session = store.read_sessions("sub-001")[0]
     assert session.closed_at is not None
     took = datetime.fromisoformat(session.closed_at) - datetime.fromisoformat(session.opened_at)
     return took.total_seconds()
@@ -144,11 +144,11 @@ def _first_session_s(folder: Path) -> float:
 def _kill(folder: Path, kills: int, longest_s: float, journal: Path) -> tuple[int, float]:
     """Kill sessions of participants. Returns the number of participants, and the longest loss of an open trial, s."""
     rng, done, participants, lost_s = random.Random(SEED), 0, 0, 0.0
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         while done < kills:
             pseudonym = find_or_enrol_participant(store, participants, DryRunSettings(SEED))
             participants += 1
-            while done < kills and store.participant(pseudonym).state != "completed":
+            while done < kills and store.read_participant(pseudonym).state != "completed":
                 before = completed_results(store, pseudonym)
                 after_s = rng.uniform(0.0, longest_s)
                 lost_s = max(lost_s, run_and_kill(folder, pseudonym, SEED, after_s, journal))
@@ -160,26 +160,26 @@ def _kill(folder: Path, kills: int, longest_s: float, journal: Path) -> tuple[in
 
 def _take_part_undisturbed(folder: Path, participants: int, journal: Path) -> int:
     """Run participants without kills. Returns their number of trials."""
-    with Store(folder) as store:
+    with StudyStore(folder) as store:
         pseudonyms = [
             find_or_enrol_participant(store, index, DryRunSettings(SEED)) for index in range(participants)
         ]
         _finish_all(folder, store, journal)
-        return sum(len(store.trials(pseudonym)) for pseudonym in pseudonyms)
+        return sum(len(store.read_trials(pseudonym)) for pseudonym in pseudonyms)
 
 
-def _finish_all(folder: Path, store: Store, journal: Path) -> None:
-    for person in store.participants():
+def _finish_all(folder: Path, store: StudyStore, journal: Path) -> None:
+    for person in store.read_participants():
         if person.state != "completed":
             finish(folder, person.pseudonym, SEED, journal)
 
 
 def assert_same(undisturbed: Path, folder: Path) -> int:
     """Assert that two studies have equal results. Returns the number of attempts of the second, killed study."""
-    with Store(folder) as store, Store(undisturbed) as expected:
-        pseudonyms = [person.pseudonym for person in store.participants()]
+    with StudyStore(folder) as store, StudyStore(undisturbed) as expected:
+        pseudonyms = [person.pseudonym for person in store.read_participants()]
         for pseudonym in pseudonyms:
-            assert store.participant(pseudonym).state == "completed"
+            assert store.read_participant(pseudonym).state == "completed"
             assert completed_results(store, pseudonym) == completed_results(expected, pseudonym)
             for recorded, wanted in zip(
                 recorded_contents(store, pseudonym), recorded_contents(expected, pseudonym), strict=True
@@ -187,14 +187,16 @@ def assert_same(undisturbed: Path, folder: Path) -> int:
                 assert recorded == wanted
         assert exported_tables(store) == exported_tables(expected)
         assert [f"{each.where}: {each.message}" for each in check_study(store) if each.is_error] == []
-        return sum(len(store.attempts(pseudonym)) for pseudonym in pseudonyms)
+        return sum(len(store.read_attempts(pseudonym)) for pseudonym in pseudonyms)
 
 
-def recorded_contents(store: Store, pseudonym: str) -> Iterator[tuple[dict[str, Any], Outcome | None, list]]:
+def recorded_contents(
+    store: StudyStore, pseudonym: str
+) -> Iterator[tuple[dict[str, Any], Outcome | None, list]]:
     """Yield the recordings of a participant's completed trials, without what depends on the run."""
-    completed = {a.trial: a for a in store.attempts(pseudonym) if a.state == "completed"}
-    for trial in store.trials(pseudonym):
-        recording = read_recording(store.absolute_path(completed[trial.id].recording))
+    completed = {a.trial: a for a in store.read_attempts(pseudonym) if a.state == "completed"}
+    for trial in store.read_trials(pseudonym):
+        recording = read_recording(store.resolve_path(completed[trial.id].recording))
         values = msgspec.to_builtins(recording.configuration)
         configuration = {name: value for name, value in values.items() if name not in RUN_COLUMNS}
         configuration["consent"] = {
@@ -226,7 +228,7 @@ LOG_TABLES = {"events.csv", "log.csv"}
 """Tables to which a killed run adds rows."""
 
 
-def exported_tables(store: Store) -> dict[str, list[dict[str, str]]]:
+def exported_tables(store: StudyStore) -> dict[str, list[dict[str, str]]]:
     """Return the rows of the exported tables, without logs and incomplete attempts."""
     with TemporaryDirectory() as folder:
         export_study(store, "csv", Path(folder) / "tables")

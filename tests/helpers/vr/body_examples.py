@@ -15,17 +15,24 @@ import numpy as np
 
 from avrgym.geometry import transforms
 from avrgym.models import human
-from avrgym.models.human import LOWER_LIMITS_RAD, RECLINED, SEATED, SEATED_POSE_RAD, UPPER_LIMITS_RAD, Person
+from avrgym.models.human import (
+    LOWER_LIMITS_RAD,
+    RECLINED_POSTURE,
+    SEATED_POSE_RAD,
+    SEATED_POSTURE,
+    UPPER_LIMITS_RAD,
+    Person,
+)
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking import arm
-from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
+from avrgym.vr.tracking.body import BodyPose, BodySolver, make_skeleton
 
 FILE = Path(__file__).parents[3] / "client/tests/data/bodies.json"
 COUNT, SEED = 60, 7
 BODIES = (
-    (Person("woman", 0.54), SEATED),
-    (Person("man", 0.63, arm_scale=1.15), SEATED),
-    (Person("woman", 0.48, arm_scale=0.88), RECLINED),
+    (Person("woman", 0.54), SEATED_POSTURE),
+    (Person("man", 0.63, arm_scale=1.15), SEATED_POSTURE),
+    (Person("woman", 0.48, arm_scale=0.88), RECLINED_POSTURE),
 )
 SITES = (("head_centre", "head"), ("left_hand_centre", "left_hand"), ("right_hand_centre", "right_hand"))
 
@@ -52,8 +59,8 @@ def examples(rng: np.random.Generator, count: int) -> Iterator[dict[str, Any]]:
 
 
 def _body(person: Person, posture: human.Posture) -> _Body:
-    model = human.person_model(person, posture, moving=True)
-    measures = msgspec.to_builtins(skeleton(person, posture))
+    model = human.compile_person_model(person, posture, moving=True)
+    measures = msgspec.to_builtins(make_skeleton(person, posture))
     return _Body(BodySolver(person, posture), model, mujoco.MjData(model), measures)
 
 
@@ -74,8 +81,8 @@ def _pose(rng: np.random.Generator, body: _Body, start_rad: np.ndarray, kind: in
 
 
 def _site(data: mujoco.MjData, site: str, body: str) -> Pose:
-    pos_w = data.site(human.PREFIX + site).xpos.copy()
-    return Pose(pos_w, transforms.normalize(data.body(human.PREFIX + body).xquat))
+    pos_w = data.site(human.PERSON_NAME_PREFIX + site).xpos.copy()
+    return Pose(pos_w, transforms.normalize(data.body(human.PERSON_NAME_PREFIX + body).xquat))
 
 
 def _solved(body: _Body, pose: BodyPose, start_rad: np.ndarray, turn_rad: float) -> dict[str, Any]:
@@ -84,7 +91,7 @@ def _solved(body: _Body, pose: BodyPose, start_rad: np.ndarray, turn_rad: float)
 
     return {
         "skeleton": body.skeleton,
-        "pose": {"head": plain(pose.head), "left": plain(pose.left), "right": plain(pose.right)},
+        "pose": {"head": plain(pose.head_pose), "left": plain(pose.left), "right": plain(pose.right)},
         "start": start_rad.tolist(),
         "turn": turn_rad,
         "angles": body.solver.solve(pose, start_rad, turn_rad).tolist(),

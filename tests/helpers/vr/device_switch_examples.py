@@ -16,7 +16,7 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.vr.protocol.messages import Modality, XRPose
 from avrgym.vr.protocol.webxr import GRIP_FROM_WRIST_AXES, HAND_CENTRE_FROM_WRIST
-from avrgym.vr.tracking.switches import HandDevice
+from avrgym.vr.tracking.hand_device_switches import HandDevice
 
 Side = Literal["left", "right"]
 Error = tuple[FloatArray, FloatArray]
@@ -82,7 +82,7 @@ def _example(rng: np.random.Generator, side: Side, step_m: float) -> dict[str, A
             modality = "hand" if modality == "controller" else "controller"
         grip = compose(grip, rng.normal(scale=step_m + 1e-4, size=3), transforms.IDENTITY_QUATERNION)
         pose = measured_pose(grip, side, modality, errors[modality])
-        followed = hand.corrected_grip(pose, modality, time_s)
+        followed = hand.correct_grip(pose, modality, time_s)
         frames.append({"ms": 1000.0 * time_s, "pose": pose, "modality": modality, "grip": followed})
     return {"side": side, "frames": msgspec.to_builtins(frames)}
 

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 
 from avrgym.tasks.constants import PAPER_ENVIRONMENTS
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
-from avrgym.vr.protocol.messages import Tracking, XRPose
+from avrgym.vr.protocol.messages import TrackingFrameMessage, XRPose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.vr.visit import FRAME_EVERY_TICKS, Visit
 
@@ -27,13 +27,13 @@ class RecordingVisit(Visit):
         """Plan a session of one trial."""
         trial = TrialPlan(environment, "revised", seed, practice=False)
         plan = SessionPlan(
-            [trial], "woman" if seed % 2 else "man", 3.0, simulated=True, trial_steps=trial_steps
+            [trial], "woman" if seed % 2 else "man", 3.0, is_simulated=True, trial_steps=trial_steps
         )
         person = SimulatedParticipant(sample_participant_traits(plan.sex, seed), seed)
-        self.frames: list[Tracking] = []
+        self.frames: list[TrackingFrameMessage] = []
         super().__init__(folder, plan, load_policies(plan), person)
 
-    def frame(self) -> Tracking:
+    def frame(self) -> TrackingFrameMessage:
         """Return and store the participant's next frame."""
         frame = super().frame()
         self.frames.append(frame)
@@ -54,7 +54,7 @@ def examples(trial_steps: int, seeds: int) -> Iterator[dict[str, object]]:
             yield {"environment": environment, "everyMs": 10 * FRAME_EVERY_TICKS * FRAME_STEP, "frames": rows}
 
 
-def _row(frame: Tracking) -> list[int]:
+def _row(frame: TrackingFrameMessage) -> list[int]:
     """Return head, left and right: positions in mm, quaternions in thousandths."""
     return [number for pose in (frame.head, frame.left, frame.right) for number in _plain(pose)]
 

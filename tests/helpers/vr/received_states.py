@@ -7,7 +7,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Receipt, ServerMessage, StateChange
+from avrgym.vr.protocol.messages import ServerMessage, StateReceipt, WorldStateChange
 
 _received: WeakKeyDictionary[ClientConnection, int] = WeakKeyDictionary()
 """Number of states received by each socket."""
@@ -16,9 +16,9 @@ _received: WeakKeyDictionary[ClientConnection, int] = WeakKeyDictionary()
 def decode_message(socket: ClientConnection, data: str | bytes) -> ServerMessage:
     """Decode a received message."""
     assert isinstance(data, bytes)
-    message = messages.decode_server(data)
-    if isinstance(message, StateChange):
+    message = messages.decode_server_message(data)
+    if isinstance(message, WorldStateChange):
         _received[socket] = _received.get(socket, 0) + 1
         with suppress(ConnectionClosed):
-            socket.send(messages.encode(Receipt(_received[socket])))
+            socket.send(messages.encode_message(StateReceipt(_received[socket])))
     return message

@@ -6,18 +6,18 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from avrgym.vr.protocol.messages import Tracking, XRPose
+from avrgym.vr.protocol.messages import TrackingFrameMessage, XRPose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
-from avrgym.vr.tracking.jumps import MAX_SPEED_M_S, RETURN_SPEED_FRACTION
+from avrgym.vr.tracking.jumps import MAX_LINEAR_SPEED_M_S, RETURN_SPEED_FRACTION
 from helpers.vr.visit import Visit
 
 SPREAD_M = 0.6
 IMPACT_KG, CONTACT_S = 10.0, 0.02
 """Upper bound of the effective mass of arm and person, and the time constant of simulated contacts."""
-IMPACT_N = 2.0 * IMPACT_KG * MAX_SPEED_M_S * RETURN_SPEED_FRACTION / CONTACT_S
+IMPACT_N = 2.0 * IMPACT_KG * MAX_LINEAR_SPEED_M_S * RETURN_SPEED_FRACTION / CONTACT_S
 """Impact force at the speed of a returning limb. A critically damped contact starts with the force 2 m v / t."""
 
-Frames = Callable[[int, Tracking, np.random.Generator], Tracking | None]
+Frames = Callable[[int, TrackingFrameMessage, np.random.Generator], TrackingFrameMessage | None]
 
 
 def random_pose_near(pose: XRPose, rng: np.random.Generator, spread_m: float = SPREAD_M) -> XRPose:
@@ -28,7 +28,7 @@ def random_pose_near(pose: XRPose, rng: np.random.Generator, spread_m: float = S
     return XRPose((x, y, z), (qx, qy, qz, qw))
 
 
-def teleport(tracking: Tracking, rng: np.random.Generator) -> Tracking:
+def teleport(tracking: TrackingFrameMessage, rng: np.random.Generator) -> TrackingFrameMessage:
     """Return a frame with random poses of head and hands."""
     assert tracking.head is not None
     assert tracking.left is not None
@@ -41,9 +41,11 @@ def teleport(tracking: Tracking, rng: np.random.Generator) -> Tracking:
 
 def _hold(every: int, shown: int) -> Frames:
     """Jump every ``every`` ticks; the pose is tracked for the first ``shown`` ticks."""
-    last: list[Tracking] = []
+    last: list[TrackingFrameMessage] = []
 
-    def frames(tick: int, tracking: Tracking, rng: np.random.Generator) -> Tracking | None:
+    def frames(
+        tick: int, tracking: TrackingFrameMessage, rng: np.random.Generator
+    ) -> TrackingFrameMessage | None:
         if tick % every == 0:
             last[:] = [teleport(tracking, rng)]
         if tick % every >= shown:
@@ -65,7 +67,7 @@ PATTERNS: dict[str, Callable[[], Frames]] = {
 def peak_force_n(folder: Path, environment: str, seed: int, pattern: str, *, steps: int) -> float:
     """Return the peak contact force on the person in a trial, N; a name that is not in ``PATTERNS`` means rest."""
     trial = TrialPlan(environment, "revised", seed, practice=False)
-    session = SessionPlan([trial], "woman", 0.2, simulated=True, trial_steps=steps, countdown_s=0.1)
+    session = SessionPlan([trial], "woman", 0.2, is_simulated=True, trial_steps=steps, countdown_s=0.1)
     visit, rng = Visit(folder, session, load_policies(session)), np.random.default_rng(seed)
     visit.participant.adopt_posture(environment)
     visit.calibrate()
@@ -77,7 +79,7 @@ def peak_force_n(folder: Path, environment: str, seed: int, pattern: str, *, ste
         tracking = frames(tick, visit.frame(), rng)
         visit.send(*([] if tracking is None else [tracking]))
         visit.tick()
-        state, tick = visit.session.world.simulation.state(), tick + 1
+        state, tick = visit.session.world.simulation.get_state(), tick + 1
         peak_n = max(peak_n, float(state.robot_force_n[0] + state.tool_force_n[0]))
     visit.leave()
     return peak_n

@@ -9,7 +9,7 @@ import pytest
 
 RELAXED_LIMITS = (
     "avrgym.vr.session.session:MAX_TICK_GAP_S=inf",
-    "avrgym.vr.session.state:UNTRACKED_LIMIT_S=60",
+    "avrgym.vr.session.session_state:UNTRACKED_TIMEOUT_S=60",
 )
 """Limits with which no trial ends on a busy machine."""
 

@@ -8,26 +8,26 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.models.human import Sex
-from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.policies.trained_policies import Policy, PolicyMetadata
 from avrgym.recording.reader import Recording, read_recording
-from avrgym.tasks.registry import observation_and_action_size
+from avrgym.tasks.registry import get_observation_and_action_size
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
     TICK_S,
     Answer,
-    Entered,
-    Phase,
+    MessageSender,
+    ParticipantReady,
+    PhaseDescription,
     Problem,
     Question,
-    Ready,
     Scene,
     SceneLoaded,
-    SendMessage,
     Stop,
+    VrEntered,
 )
-from avrgym.vr.session import events as session_events
-from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
+from avrgym.vr.session import events as read_session_events
+from avrgym.vr.session.plan import SessionPlan, SessionPolicies, TrialPlan
 from avrgym.vr.session.session import Session
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
@@ -37,7 +37,7 @@ CALIBRATION_TICKS = 20
 
 def constant_policy(environment: str) -> Policy:
     """Return a policy that moves every joint at 0.6 of its maximum speed."""
-    size, joints = observation_and_action_size(environment)
+    size, joints = get_observation_and_action_size(environment)
     return Policy(
         weights=(np.zeros((size, joints)),),
         biases=(np.resize([0.6, -0.6], joints),),
@@ -67,10 +67,12 @@ def plan(
         TrialPlan(environments[i % len(environments)], "drive", seed, practice and i == 0)
         for i, seed in enumerate(seeds)
     ]
-    return SessionPlan(trials, sex, free_movement_s, simulated=True, trial_steps=trial_steps, countdown_s=0.1)
+    return SessionPlan(
+        trials, sex, free_movement_s, is_simulated=True, trial_steps=trial_steps, countdown_s=0.1
+    )
 
 
-def constant_policies(plan: SessionPlan) -> Policies:
+def constant_policies(plan: SessionPlan) -> SessionPolicies:
     """Return the constant policy for every environment of a plan."""
     return {(trial.environment, trial.policy): constant_policy(trial.environment) for trial in plan.trials}
 
@@ -99,16 +101,16 @@ class Visit:
         self,
         folder: Path,
         plan: SessionPlan,
-        policies: Policies | None = None,
+        policies: SessionPolicies | None = None,
         participant: SimulatedParticipant | None = None,
-        make: Callable[[SendMessage], Session] | None = None,
+        make: Callable[[MessageSender], Session] | None = None,
     ) -> None:
         """Start a session from a plan, or the session that ``make`` returns."""
-        self.inbox: list[messages.ServerMessage | messages.State] = []
+        self.inbox: list[messages.ServerMessage | messages.WorldState] = []
         self.participant = participant or SimulatedParticipant(sample_participant_traits(plan.sex, 1), 1)
         self.tracking = self.loads_scenes = self.confirms = True
         self.pose_rad: FloatArray | None = None
-        self.observed: list[session_events.SessionEvent] = []
+        self.observed: list[read_session_events.SessionEvent] = []
         self.session = (
             make(self.receive)
             if make
@@ -123,9 +125,9 @@ class Visit:
         )
         self._ticks = 0
 
-    def receive(self, message: messages.ServerMessage | messages.State) -> None:
+    def receive(self, message: messages.ServerMessage | messages.WorldState) -> None:
         """Store a message, after a check that it can be encoded."""
-        messages.encode(message)
+        messages.encode_message(message)
         self.inbox.append(message)
 
     @property
@@ -149,7 +151,7 @@ class Visit:
     @property
     def phases(self) -> list[str]:
         """Names of the phases so far."""
-        return [phase.name for phase in self.received(Phase)]
+        return [phase.name for phase in self.received(PhaseDescription)]
 
     def recordings(self) -> list[Recording]:
         """Read the recordings of all attempts so far."""
@@ -160,11 +162,11 @@ class Visit:
         for message in sent:
             self.session.receive(message, self.now_s)
 
-    def frame(self) -> messages.Tracking:
+    def frame(self) -> messages.TrackingFrameMessage:
         """Return the participant's next tracking frame."""
         if self.pose_rad is not None:
-            return self.participant.tracking_frame_from_angles(self.pose_rad, self.now_s)
-        return self.participant.tracking_frame(self.now_s, moving=self.phase != "calibration")
+            return self.participant.make_tracking_frame_from_angles(self.pose_rad, self.now_s)
+        return self.participant.make_tracking_frame(self.now_s, moving=self.phase != "calibration")
 
     def tick(self, count: int = 1) -> None:
         """Advance the clock."""
@@ -174,7 +176,7 @@ class Visit:
             if self.loads_scenes and self.phase in ("loading", "headset") and self.received(Scene):
                 self.send(SceneLoaded(url=self.received(Scene)[-1].url))
             if self.confirms and self.phase in ("check", "ready"):
-                self.send(Ready())
+                self.send(ParticipantReady())
             self.session.tick(self.now_s)
             self._ticks += 1
 
@@ -187,16 +189,16 @@ class Visit:
 
     def calibrate(self) -> None:
         """Enter VR and complete the calibration."""
-        self.send(Entered())
+        self.send(VrEntered())
         self.tick(CALIBRATION_TICKS)
-        self.send(Ready())
+        self.send(ParticipantReady())
 
     def go_to(self, phase: str) -> None:
         """Advance from the start to a phase of the first trial."""
         if phase == "waiting":
             return
         if phase == "calibration":
-            self.send(Entered())
+            self.send(VrEntered())
             self.tick(CALIBRATION_TICKS)
             return
         self.loads_scenes, self.confirms = phase != "loading", phase != "check"
@@ -214,7 +216,7 @@ class Visit:
             item = self.received(Question)[-1].item
             self.send(Answer(item=item, value=value, response_time_s=1.5))
         if self.confirms and self.phase == "confirm":
-            self.send(Ready())
+            self.send(ParticipantReady())
 
     def leave(self) -> None:
         """End the session."""

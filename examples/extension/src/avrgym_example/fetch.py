@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 
 from avrgym.geometry import transforms
-from avrgym.models.robot import BaseRange, Grip, Mount, Robot, arm_with_servo_gains
+from avrgym.models.robot import BaseRange, Grip, Mount, Robot, make_arm_with_servo_gains
 from avrgym.models.urdf import Urdf
-from avrgym.robots.rtb_data import rtb_data_path
+from avrgym.robots.rtb_data import find_rtb_data_path
 
-FOLDER = rtb_data_path("fetch_description")
+FOLDER = find_rtb_data_path("fetch_description")
 JOINTS = (
     "shoulder_pan_joint", "shoulder_lift_joint", "upperarm_roll_joint", "elbow_flex_joint", "forearm_roll_joint",
     "wrist_flex_joint", "wrist_roll_joint",
@@ -38,12 +38,12 @@ FETCH_URDF = Urdf(_text(), _find_mesh)
 
 def build(appearance: bool) -> mujoco.MjSpec:
     """The robot with its gripper."""
-    return FETCH_URDF.spec(appearance=appearance)
+    return FETCH_URDF.build_spec(appearance=appearance)
 
 
-SPEED, TORQUE = FETCH_URDF.limits(JOINTS)
+SPEED, TORQUE = FETCH_URDF.read_joint_limits(JOINTS)
 SEED_POSE_DEG = (0.0, 0.0, 0.0, 90.0, 0.0, -90.0, 0.0)
-_ARM = arm_with_servo_gains(
+_ARM = make_arm_with_servo_gains(
     build, JOINTS, "gripper_link", np.radians(SEED_POSE_DEG), speed_limit=SPEED, effort_limit=TORQUE
 )
 
@@ -73,6 +73,6 @@ FETCH = Robot(
         "scratcher": Grip(GRIP_POINT_M, transforms.IDENTITY_QUATERNION, fingers(0.0056)),
         "washcloth": Grip(GRIP_POINT_M, WASHCLOTH_ROTATION, fingers(0.012)),
     },
-    half_width_m=0.3,
-    fixed_joints={"torso_lift_joint": 0.2},
+    base_half_width_m=0.3,
+    fixed_joint_positions={"torso_lift_joint": 0.2},
 )

@@ -3,7 +3,7 @@
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.tasks.registry import observation_and_action_size
+from avrgym.tasks.registry import get_observation_and_action_size
 
 
 class HoldStill:
@@ -11,7 +11,7 @@ class HoldStill:
 
     def reset(self, seed: int, environment: str) -> None:
         """Reset for an environment. The controller is deterministic."""
-        _, self._joints = observation_and_action_size(environment)
+        _, self._joints = get_observation_and_action_size(environment)
 
     def act(self, observation: FloatArray) -> FloatArray:
         """Zeros (A,)."""

@@ -6,15 +6,15 @@ from itertools import combinations, product
 from typing import Annotated
 
 from avrgym.analysis.answers.session_answers import (
-    AFTER,
-    BEFORE,
+    AFTER_SESSION,
+    BEFORE_SESSION,
     CHANGE_LABEL,
     MOMENT_LABELS,
     compare_before_after,
-    values_at_moment,
+    find_values_at_moment,
 )
 from avrgym.analysis.answers.trial_answers import AFTER_TRIAL
-from avrgym.analysis.columns import (
+from avrgym.analysis.column_types import (
     IsSimulated,
     LowerQuartile,
     Maximum,
@@ -27,9 +27,9 @@ from avrgym.analysis.columns import (
     UpperQuartile,
     ValueCount,
 )
-from avrgym.analysis.page.comparisons import TestTables
-from avrgym.analysis.page.elements import Markup, number_text, short_number_text, table, tag
-from avrgym.analysis.reading.rows import ScoreRow
+from avrgym.analysis.page.html_elements import Markup, format_number, format_short_number, render_table, tag
+from avrgym.analysis.page.hypothesis_test_tables import TestTables
+from avrgym.analysis.reading.table_rows import ScoreRow
 from avrgym.analysis.statistics.comparisons import (
     PARTICIPANT_UNIT,
     TRIAL_UNIT,
@@ -37,10 +37,10 @@ from avrgym.analysis.statistics.comparisons import (
     ComparisonFamily,
     ResearchQuestion,
     compare_policies,
-    holm_corrected_family,
+    make_holm_corrected_family,
 )
-from avrgym.analysis.statistics.tests import summary_statistics
-from avrgym.commands.respondents import PROXY
+from avrgym.analysis.statistics.rank_tests import compute_summary_statistics
+from avrgym.commands.respondents import PROXY_RESPONDENT
 from avrgym.questionnaires.instrument import Instrument
 from avrgym.questionnaires.questionnaire import SESSION_QUESTION_MOMENTS, Questionnaire
 from avrgym.study.design.design import Design
@@ -60,7 +60,11 @@ class ScoreSummaryRow:
     questionnaire: QuestionnaireName
     scale: Annotated[str, COLUMNS_BY_TABLE["scores"]["scale"]]
     moment: Annotated[
-        str, Column("Moment of the answers.", allowed=f"{BEFORE}, {AFTER_TRIAL}, {AFTER}, {CHANGE_LABEL}")
+        str,
+        Column(
+            "Moment of the answers.",
+            allowed=f"{BEFORE_SESSION}, {AFTER_TRIAL}, {AFTER_SESSION}, {CHANGE_LABEL}",
+        ),
     ]
     policy: PolicyNameOrNone
     n: ValueCount
@@ -73,7 +77,7 @@ class ScoreSummaryRow:
     maximum: Maximum
 
 
-def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[ScoreSummaryRow]:
+def make_score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[ScoreSummaryRow]:
     """Returns summary rows of each scale: for each policy, before sessions, after sessions, and for the change."""
     rows: list[ScoreSummaryRow] = []
     for simulated, questionnaire, own in _by_questionnaire(design, scores):
@@ -82,17 +86,19 @@ def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[Score
             proxies = _by_proxy(own, scale, (AFTER_TRIAL,), policy)
             rows += _summary_rows(simulated, questionnaire, scale, AFTER_TRIAL, policy, values, len(proxies))
         given = _about_sessions(own)
-        for scale, moment in product(_scales(own), (BEFORE, AFTER, CHANGE_LABEL)):
-            values = values_at_moment(moment, scale, given)
+        for scale, moment in product(_scales(own), (BEFORE_SESSION, AFTER_SESSION, CHANGE_LABEL)):
+            values = find_values_at_moment(moment, scale, given)
             moments = SESSION_QUESTION_MOMENTS if moment == CHANGE_LABEL else (moment,)
             people = {row.participant for row in _by_proxy(own, scale, moments, None)}
             if moment == CHANGE_LABEL:
-                people &= set(given.get((BEFORE, scale), {})) & set(given.get((AFTER, scale), {}))
+                people &= set(given.get((BEFORE_SESSION, scale), {})) & set(
+                    given.get((AFTER_SESSION, scale), {})
+                )
             rows += _summary_rows(simulated, questionnaire, scale, moment, None, values, len(people))
     return rows
 
 
-def score_test_families(design: Design, scores: Sequence[ScoreRow]) -> list[ComparisonFamily]:
+def compute_score_test_families(design: Design, scores: Sequence[ScoreRow]) -> list[ComparisonFamily]:
     """Returns Wilcoxon signed-rank tests of every scale. The tests of one questionnaire form a family.
 
     Scores after trials: the tests compare policies. A pair contains scores of one participant with the same task and
@@ -110,27 +116,27 @@ def score_test_families(design: Design, scores: Sequence[ScoreRow]) -> list[Comp
             given = _about_sessions(own)
             tests = [compare_before_after(scale, given) for scale in _scales(own)]
             families.append(
-                holm_corrected_family(
-                    simulated, score_change_question(questionnaire), PARTICIPANT_UNIT, tests
+                make_holm_corrected_family(
+                    simulated, make_score_change_question(questionnaire), PARTICIPANT_UNIT, tests
                 )
             )
     return families
 
 
-def score_policy_question(questionnaire: Questionnaire) -> ResearchQuestion:
+def make_score_policy_question(questionnaire: Questionnaire) -> ResearchQuestion:
     """Returns the research question: do the scores of a questionnaire differ between policies?"""
     return ResearchQuestion(
-        f"policies, scores of {questionnaire.name}", score_tests_caption(questionnaire), is_primary=True
+        f"policies, scores of {questionnaire.name}", make_score_tests_caption(questionnaire), is_primary=True
     )
 
 
-def score_change_question(questionnaire: Questionnaire) -> ResearchQuestion:
+def make_score_change_question(questionnaire: Questionnaire) -> ResearchQuestion:
     """Returns the research question: do the scores of a questionnaire change over sessions?"""
     name = f"before and after sessions, scores of {questionnaire.name}"
-    return ResearchQuestion(name, score_tests_caption(questionnaire), is_primary=True)
+    return ResearchQuestion(name, make_score_tests_caption(questionnaire), is_primary=True)
 
 
-def score_tests_caption(questionnaire: Questionnaire) -> str:
+def make_score_tests_caption(questionnaire: Questionnaire) -> str:
     """Returns the caption of the table with the tests of a questionnaire's scores."""
     return f"{questionnaire.name}: tests of scores"
 
@@ -142,7 +148,7 @@ def _policy_family(
         compare_policies(scale, (a, b), (_with_policy(own, scale, a), _with_policy(own, scale, b)), unit)
         for (a, b), scale in product(combinations(design.policies, 2), _scales(own))
     ]
-    return holm_corrected_family(simulated, score_policy_question(questionnaire), unit, tests)
+    return make_holm_corrected_family(simulated, make_score_policy_question(questionnaire), unit, tests)
 
 
 def _by_questionnaire(
@@ -181,7 +187,7 @@ def _by_proxy(
     return [
         row
         for row in rows
-        if (row.respondent, row.scale, row.policy) == (PROXY, scale, policy)
+        if (row.respondent, row.scale, row.policy) == (PROXY_RESPONDENT, scale, policy)
         and row.moment in moments
         and row.score is not None
     ]
@@ -215,7 +221,7 @@ def _summary_rows(
             moment=moment,
             policy=policy,
             by_proxy=by_proxy,
-            **summary_statistics(values),
+            **compute_summary_statistics(values),
         )
     ]
 
@@ -226,7 +232,7 @@ SCORES_NOTE = (
 )
 
 
-def scores_section(
+def render_scores_section(
     design: Design,
     scores: Sequence[ScoreRow],
     summaries: Sequence[ScoreSummaryRow],
@@ -265,9 +271,9 @@ def _of_instrument(
     return tag(
         "section",
         tag("h4", f"{name}: {instrument.title}"),
-        tag("p", f"{instrument.source}. Licence: {instrument.licence}."),
+        tag("p", f"{instrument.citation}. Licence: {instrument.licence}."),
         _summary_table(f"{name}: scores, n of trials or of participants{mark}", own_summaries, instrument),
-        tests.pop(score_tests_caption(questionnaire), Markup()),
+        tests.pop(make_score_tests_caption(questionnaire), Markup()),
         each,
     )
 
@@ -277,21 +283,23 @@ def _summary_table(caption: str, rows: Sequence[ScoreSummaryRow], instrument: In
     body = [
         (
             row.scale, *_range_cells(row, instrument), row.policy or "",
-            MOMENT_LABELS.get(row.moment, "after trials"), row.n, row.by_proxy, short_number_text(row.median),
-            f"{short_number_text(row.lower_quartile)} to {short_number_text(row.upper_quartile)}",
-            number_text(row.mean),
-            f"{short_number_text(row.minimum)} to {short_number_text(row.maximum)}",
+            MOMENT_LABELS.get(row.moment, "after trials"), row.n, row.by_proxy, format_short_number(row.median),
+            f"{format_short_number(row.lower_quartile)} to {format_short_number(row.upper_quartile)}",
+            format_number(row.mean),
+            f"{format_short_number(row.minimum)} to {format_short_number(row.maximum)}",
         )
         for row in rows
     ]  # fmt: skip
-    return table(caption, heads, body, numbers=(1, 2, 5, 6, 7, 8, 9, 10))
+    return render_table(caption, heads, body, numbers=(1, 2, 5, 6, 7, 8, 9, 10))
 
 
 def _range_cells(row: ScoreSummaryRow, instrument: Instrument) -> tuple[str, str]:
     """Returns the lowest and the highest possible score of a scale as cells; empty cells for changes."""
-    minimum, maximum = instrument.score_range(row.scale)
+    minimum, maximum = instrument.compute_score_range(row.scale)
     return (
-        ("", "") if row.moment == CHANGE_LABEL else (short_number_text(minimum), short_number_text(maximum))
+        ("", "")
+        if row.moment == CHANGE_LABEL
+        else (format_short_number(minimum), format_short_number(maximum))
     )
 
 
@@ -312,9 +320,9 @@ def _score_table(caption: str, rows: Sequence[ScoreRow]) -> Markup:
     body = [
         (
             row.participant, row.moment.replace("_", " "), row.position or "", row.task or "", row.robot or "",
-            row.policy or "", row.scale, number_text(row.score, absent="–"), f"{row.answered} of {row.items}",
+            row.policy or "", row.scale, format_number(row.score, absent="–"), f"{row.answered} of {row.items}",
             "yes" if row.counted else "no", row.respondent,
         )
         for row in rows
     ]  # fmt: skip
-    return table(caption, heads, body, numbers=(2, 7, 8))
+    return render_table(caption, heads, body, numbers=(2, 7, 8))

@@ -2,64 +2,64 @@
 
 from collections.abc import Sequence
 
-from avrgym.analysis.answers.figures import session_answer_figure_name, trial_answer_figure_name
+from avrgym.analysis.answers.figures import make_session_answer_figure_name, make_trial_answer_figure_name
 from avrgym.analysis.answers.session_answers import (
     CHANGE_LABEL,
     MOMENT_LABELS,
-    SessionAnswerRow,
-    further_questionnaires,
-    session_change_question,
-    session_questionnaires,
+    SessionAnswerSummaryRow,
+    find_repeatable_questionnaires,
+    find_session_questionnaires,
+    make_session_change_question,
 )
 from avrgym.analysis.answers.trial_answers import (
     AFTER_TRIAL,
     AnswerSummaryRow,
-    policy_comparison_question,
-    questionnaires_at_moment,
+    find_questionnaires_at_moment,
+    make_policy_comparison_question,
 )
-from avrgym.analysis.page.comparisons import TestTables
-from avrgym.analysis.page.drawing import ReportFigures, inline_figures
-from avrgym.analysis.page.elements import (
+from avrgym.analysis.page.html_elements import (
     Markup,
-    bullet_list,
-    details,
-    empty_section,
-    group_caption,
-    number_text,
-    table,
+    format_group_caption,
+    format_number,
+    render_bullet_list,
+    render_details,
+    render_empty_section,
+    render_table,
     tag,
 )
-from avrgym.analysis.reading.rows import ALL_LABEL
+from avrgym.analysis.page.hypothesis_test_tables import TestTables
+from avrgym.analysis.page.report_figures import ReportFiguresByKind, render_inline_figures
+from avrgym.analysis.reading.table_rows import ALL_LABEL
 from avrgym.questionnaires.questionnaire import SESSION_QUESTION_MOMENTS, Questionnaire
 from avrgym.study.design.design import Design
 
 # Answers
 
 
-def answers_section(
+def render_answers_section(
     design: Design,
     after_trials: Sequence[AnswerSummaryRow],
-    about_sessions: Sequence[SessionAnswerRow],
+    about_sessions: Sequence[SessionAnswerSummaryRow],
     simulated: bool,
-    drawings: ReportFigures,
+    drawings: ReportFiguresByKind,
     tests: TestTables,
 ) -> Markup:
     """Returns the report section: answers after trials and about sessions, both with tests, then further answers."""
     rated = [
         _after_trials(design, after_trials, simulated, drawings, tests, questionnaire)
-        for questionnaire in questionnaires_at_moment(design, AFTER_TRIAL)
+        for questionnaire in find_questionnaires_at_moment(design, AFTER_TRIAL)
     ]
     about = [
         _about_sessions(about_sessions, simulated, drawings, tests, questionnaire)
-        for questionnaire in session_questionnaires(design)
+        for questionnaire in find_session_questionnaires(design)
     ]
     further = [
         _further(about_sessions, simulated, questionnaire, moment)
-        for questionnaire, moment in further_questionnaires(design)
+        for questionnaire, moment in find_repeatable_questionnaires(design)
     ]
     shown = [part for part in (*rated, *about, *further) if part]
     if not shown:
-        return empty_section("Answers", "No questionnaire item was answered yet.")
+        return render_empty_section("Answers", "No questionnaire item was answered yet.")
     return tag("section", tag("h3", "Answers"), *shown)
 
 
@@ -67,7 +67,7 @@ def _after_trials(
     design: Design,
     answers: Sequence[AnswerSummaryRow],
     simulated: bool,
-    drawings: ReportFigures,
+    drawings: ReportFiguresByKind,
     tests: TestTables,
     questionnaire: Questionnaire,
 ) -> Markup:
@@ -82,23 +82,23 @@ def _after_trials(
         "section",
         tag("h4", f"{name}, asked after each trial"),
         _statements(questionnaire),
-        inline_figures(drawings, trial_answer_figure_name(design, questionnaire)),
-        details(
+        render_inline_figures(drawings, make_trial_answer_figure_name(design, questionnaire)),
+        render_details(
             "Means, as in the paper's figure",
-            inline_figures(drawings, f"{trial_answer_figure_name(design, questionnaire)}-means"),
+            render_inline_figures(drawings, f"{make_trial_answer_figure_name(design, questionnaire)}-means"),
         ),
         _summaries(f"{name}: answers by policy, over all tasks and robots", whole, simulated),
-        details(
+        render_details(
             "By task and robot", _summaries(f"{name}: answers by policy, task and robot", parts, simulated)
         ),
-        tests.pop(policy_comparison_question(design, questionnaire).table_caption, Markup()),
+        tests.pop(make_policy_comparison_question(design, questionnaire).table_caption, Markup()),
     )
 
 
 def _about_sessions(
-    answers: Sequence[SessionAnswerRow],
+    answers: Sequence[SessionAnswerSummaryRow],
     simulated: bool,
-    drawings: ReportFigures,
+    drawings: ReportFiguresByKind,
     tests: TestTables,
     questionnaire: Questionnaire,
 ) -> Markup:
@@ -113,19 +113,19 @@ def _about_sessions(
     name, when = questionnaire.name, " and ".join(MOMENT_LABELS[each] for each in _moments(questionnaire))
     heads = ("Item", "When", "n", "Proxy", "Median", "Quartiles", "Mean", "Range")
     body = [(row.item, MOMENT_LABELS[row.moment], *_quartiles(row)) for row in rows]
-    caption = group_caption(f"{name}: answers {when} sessions, one for each participant", simulated)
+    caption = format_group_caption(f"{name}: answers {when} sessions, one for each participant", simulated)
     return tag(
         "section",
         tag("h4", f"{name}, asked {when} sessions"),
         _statements(questionnaire),
-        inline_figures(drawings, session_answer_figure_name(questionnaire)),
-        table(caption, heads, body, numbers=(2, 3, 4, 5, 6, 7)),
-        tests.pop(session_change_question(questionnaire).table_caption, Markup()),
+        render_inline_figures(drawings, make_session_answer_figure_name(questionnaire)),
+        render_table(caption, heads, body, numbers=(2, 3, 4, 5, 6, 7)),
+        tests.pop(make_session_change_question(questionnaire).table_caption, Markup()),
     )
 
 
 def _further(
-    answers: Sequence[SessionAnswerRow], simulated: bool, questionnaire: Questionnaire, moment: str
+    answers: Sequence[SessionAnswerSummaryRow], simulated: bool, questionnaire: Questionnaire, moment: str
 ) -> Markup:
     """Returns a summary of the answers after breaks, or of the answers of caregivers. It contains no tests."""
     wanted = (simulated, questionnaire.name, moment)
@@ -135,12 +135,12 @@ def _further(
     title = f"{questionnaire.name}, {_FURTHER_TITLES[moment]}"
     heads = ("Item", "n", "Proxy", "Median", "Quartiles", "Mean", "Range")
     body = [(row.item, *_quartiles(row)) for row in rows]
-    caption = group_caption(f"{title}: mean answer for each participant", simulated)
+    caption = format_group_caption(f"{title}: mean answer for each participant", simulated)
     return tag(
         "section",
         tag("h4", title),
         _statements(questionnaire),
-        table(caption, heads, body, numbers=(1, 2, 3, 4, 5, 6)),
+        render_table(caption, heads, body, numbers=(1, 2, 3, 4, 5, 6)),
     )
 
 
@@ -153,17 +153,20 @@ def _moments(questionnaire: Questionnaire) -> list[str]:
 
 def _statements(questionnaire: Questionnaire) -> Markup:
     """Returns a bullet list of the items' texts and response scales."""
-    return bullet_list(
-        [f"{item.id}: {item.text} ({questionnaire.describe_scale(item)})" for item in questionnaire.items]
+    return render_bullet_list(
+        [
+            f"{item.id}: {item.text} ({questionnaire.describe_response_scale(item)})"
+            for item in questionnaire.items
+        ]
     )
 
 
-def _quartiles(row: AnswerSummaryRow | SessionAnswerRow) -> tuple[int, int, str, str, str, str]:
+def _quartiles(row: AnswerSummaryRow | SessionAnswerSummaryRow) -> tuple[int, int, str, str, str, str]:
     """Returns number of answers, number of answers by a proxy, median, quartiles, mean and range as table cells."""
     return (
         row.n, row.by_proxy, _brief_number(row.median),
         f"{_brief_number(row.lower_quartile)} to {_brief_number(row.upper_quartile)}",
-        number_text(row.mean), f"{_brief_number(row.minimum)} to {_brief_number(row.maximum)}",
+        format_number(row.mean), f"{_brief_number(row.minimum)} to {_brief_number(row.maximum)}",
     )  # fmt: skip
 
 
@@ -175,4 +178,4 @@ def _brief_number(value: float) -> str:
 def _summaries(caption: str, rows: Sequence[AnswerSummaryRow], simulated: bool) -> Markup:
     heads = ("Item", "Policy", "Task", "Robot", "Trials", "Proxy", "Median", "Quartiles", "Mean", "Range")
     body = [(row.item, row.policy, row.task, row.robot, *_quartiles(row)) for row in rows]
-    return table(group_caption(caption, simulated), heads, body, numbers=(4, 5, 6, 7, 8, 9))
+    return render_table(format_group_caption(caption, simulated), heads, body, numbers=(4, 5, 6, 7, 8, 9))

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import numpy as np
 
-from avrgym.analysis.answers.trial_answers import LikertRow, value_frequencies
-from avrgym.analysis.columns import (
+from avrgym.analysis.answers.trial_answers import AnswerFrequencyRow, count_value_frequencies
+from avrgym.analysis.column_types import (
     IsSimulated,
     ItemName,
     LowerQuartile,
@@ -22,26 +22,30 @@ from avrgym.analysis.columns import (
     UpperQuartile,
     ValueCount,
 )
-from avrgym.analysis.reading.rows import AnswerRow
+from avrgym.analysis.reading.table_rows import AnswerRow
 from avrgym.analysis.statistics.comparisons import (
     MEAN_DECIMALS,
     PARTICIPANT_UNIT,
     Comparison,
     ComparisonFamily,
     ResearchQuestion,
-    holm_corrected_family,
+    make_holm_corrected_family,
 )
-from avrgym.analysis.statistics.tests import signed_rank_test, summary_statistics
-from avrgym.commands.respondents import PROXY
-from avrgym.questionnaires.questionnaire import REPEATABLE_MOMENTS, SESSION_QUESTION_MOMENTS, Questionnaire
+from avrgym.analysis.statistics.rank_tests import compute_summary_statistics, run_signed_rank_test
+from avrgym.commands.respondents import PROXY_RESPONDENT
+from avrgym.questionnaires.questionnaire import (
+    REPEATABLE_QUESTION_MOMENTS,
+    SESSION_QUESTION_MOMENTS,
+    Questionnaire,
+)
 from avrgym.study.design.design import Design
 from avrgym.system.columns import Column
 
-BEFORE, AFTER = SESSION_QUESTION_MOMENTS
+BEFORE_SESSION, AFTER_SESSION = SESSION_QUESTION_MOMENTS
 CHANGE_LABEL = "change"
 MOMENT_LABELS = {
-    BEFORE: "before",
-    AFTER: "after",
+    BEFORE_SESSION: "before",
+    AFTER_SESSION: "after",
     CHANGE_LABEL: "change",
     "after_break": "after breaks",
     "caregiver": "caregivers",
@@ -50,7 +54,7 @@ MOMENT_LABELS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class SessionAnswerRow:
+class SessionAnswerSummaryRow:
     """Summary of the analysed answers to one item at one moment, or of their change over sessions.
 
     Each participant has one value. Several answers after breaks, or of caregivers, are averaged. The change is the
@@ -75,37 +79,37 @@ ValuesByMoment = Mapping[tuple[str, str], Mapping[str, float]]
 """Values by (moment, item or scale), then by the participant's pseudonym."""
 
 
-def session_questionnaires(design: Design) -> list[Questionnaire]:
+def find_session_questionnaires(design: Design) -> list[Questionnaire]:
     """Returns the questionnaires before or after sessions, in the order of the design."""
     return [each for each in design.questionnaires if set(SESSION_QUESTION_MOMENTS) & set(each.moments)]
 
 
-def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SessionAnswerRow]:
+def make_session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SessionAnswerSummaryRow]:
     """Returns summary rows of each item: before sessions, after sessions, change, after breaks, and of caregivers."""
-    rows: list[SessionAnswerRow] = []
+    rows: list[SessionAnswerSummaryRow] = []
     for simulated, questionnaire, given in _asked(design, answers):
-        for item, moment in product(questionnaire.items, (BEFORE, AFTER, CHANGE_LABEL)):
-            values = values_at_moment(moment, item.id, given)
+        for item, moment in product(questionnaire.items, (BEFORE_SESSION, AFTER_SESSION, CHANGE_LABEL)):
+            values = find_values_at_moment(moment, item.id, given)
             if values:
                 proxies = _participants_with_proxy(answers, simulated, moment, item.id)
                 rows.append(_summary(simulated, questionnaire.name, item.id, moment, values, len(proxies)))
     return [*rows, *_further_rows(design, answers)]
 
 
-def further_questionnaires(design: Design) -> list[tuple[Questionnaire, str]]:
+def find_repeatable_questionnaires(design: Design) -> list[tuple[Questionnaire, str]]:
     """Returns (questionnaire, moment) for questionnaires after breaks and for caregivers, in the order of the
     design."""
     return [
         (each, moment)
         for each in design.questionnaires
-        for moment in REPEATABLE_MOMENTS
+        for moment in REPEATABLE_QUESTION_MOMENTS
         if moment in each.moments
     ]
 
 
-def _further_rows(design: Design, answers: Sequence[AnswerRow]) -> Iterator[SessionAnswerRow]:
+def _further_rows(design: Design, answers: Sequence[AnswerRow]) -> Iterator[SessionAnswerSummaryRow]:
     """Yields summary rows of the answers after breaks and of caregivers: first people, then simulated participants."""
-    for simulated, (questionnaire, moment) in product((False, True), further_questionnaires(design)):
+    for simulated, (questionnaire, moment) in product((False, True), find_repeatable_questionnaires(design)):
         for item in questionnaire.items:
             given: dict[str, list[float]] = {}
             for row in _counted(answers, simulated, moment, item.id):
@@ -116,25 +120,27 @@ def _further_rows(design: Design, answers: Sequence[AnswerRow]) -> Iterator[Sess
                 yield _summary(simulated, questionnaire.name, item.id, moment, means, len(proxies))
 
 
-def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
+def make_session_answer_frequency_rows(
+    design: Design, answers: Sequence[AnswerRow]
+) -> list[AnswerFrequencyRow]:
     """Returns a row with the frequency of each value of each item, before and after sessions."""
     return [
         row
         for simulated, questionnaire, _ in _asked(design, answers)
         for item, moment in product(questionnaire.items, SESSION_QUESTION_MOMENTS)
         if moment in questionnaire.moments
-        for row in value_frequencies(
+        for row in count_value_frequencies(
             simulated, questionnaire, moment, item, None, _counted(answers, simulated, moment, item.id)
         )
     ]
 
 
-def session_test_families(design: Design, answers: Sequence[AnswerRow]) -> list[ComparisonFamily]:
+def compute_session_test_families(design: Design, answers: Sequence[AnswerRow]) -> list[ComparisonFamily]:
     """Returns Wilcoxon signed-rank tests of changes over sessions. The tests of one questionnaire form a family."""
     return [
-        holm_corrected_family(
+        make_holm_corrected_family(
             simulated,
-            session_change_question(questionnaire),
+            make_session_change_question(questionnaire),
             PARTICIPANT_UNIT,
             [compare_before_after(item.id, given) for item in questionnaire.items],
         )
@@ -143,14 +149,14 @@ def session_test_families(design: Design, answers: Sequence[AnswerRow]) -> list[
     ]
 
 
-def values_at_moment(moment: str, quantity: str, given: ValuesByMoment) -> list[float]:
+def find_values_at_moment(moment: str, quantity: str, given: ValuesByMoment) -> list[float]:
     """Returns the values of ``quantity`` (an item or a scale) at ``moment``.
 
     For ``CHANGE_LABEL``, the values are after minus before, for participants with both values.
     """
     if moment != CHANGE_LABEL:
         return list(given.get((moment, quantity), {}).values())
-    before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
+    before, after = given.get((BEFORE_SESSION, quantity), {}), given.get((AFTER_SESSION, quantity), {})
     return [round(after[name] - before[name], MEAN_DECIMALS) for name in after if name in before]
 
 
@@ -159,22 +165,22 @@ def compare_before_after(quantity: str, given: ValuesByMoment) -> Comparison:
 
     Only participants with both values are included.
     """
-    before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
+    before, after = given.get((BEFORE_SESSION, quantity), {}), given.get((AFTER_SESSION, quantity), {})
     both = [name for name in before if name in after]
     a, b = [after[name] for name in both], [before[name] for name in both]
     apart = np.round(np.subtract(a, b), MEAN_DECIMALS)
     differences = dict(zip(both, apart.tolist(), strict=True))
     return Comparison(
         quantity,
-        (MOMENT_LABELS[AFTER], a),
-        (MOMENT_LABELS[BEFORE], b),
-        signed_rank_test(apart),
+        (MOMENT_LABELS[AFTER_SESSION], a),
+        (MOMENT_LABELS[BEFORE_SESSION], b),
+        run_signed_rank_test(apart),
         len(both),
         differences,
     )
 
 
-def session_change_question(questionnaire: Questionnaire) -> ResearchQuestion:
+def make_session_change_question(questionnaire: Questionnaire) -> ResearchQuestion:
     """Returns the research question: do the answers to a questionnaire change over sessions?"""
     name = questionnaire.name
     table = f"{name}: after sessions against before"
@@ -191,7 +197,7 @@ def _asked(
         for row in counted:
             if row.simulated is simulated:
                 given.setdefault((row.moment, row.item), {})[row.participant] = row.value
-        for questionnaire in session_questionnaires(design):
+        for questionnaire in find_session_questionnaires(design):
             yield simulated, questionnaire, given
 
 
@@ -210,18 +216,18 @@ def _participants_with_proxy(
     moments = SESSION_QUESTION_MOMENTS if moment == CHANGE_LABEL else (moment,)
     given = [_counted(answers, simulated, each, quantity) for each in moments]
     known = set[str].intersection(*({row.participant for row in own} for own in given))
-    proxies = {row.participant for own in given for row in own if row.respondent == PROXY}
+    proxies = {row.participant for own in given for row in own if row.respondent == PROXY_RESPONDENT}
     return known & proxies
 
 
 def _summary(
     simulated: bool, questionnaire: str, item: str, moment: str, values: Sequence[float], by_proxy: int
-) -> SessionAnswerRow:
-    return SessionAnswerRow(
+) -> SessionAnswerSummaryRow:
+    return SessionAnswerSummaryRow(
         simulated=simulated,
         questionnaire=questionnaire,
         item=item,
         moment=moment,
         by_proxy=by_proxy,
-        **summary_statistics(values),
+        **compute_summary_statistics(values),
     )

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from itertools import combinations, product
 from typing import Annotated
 
-from avrgym.analysis.columns import (
-    AT_LEAST_0,
-    SHARE,
+from avrgym.analysis.column_types import (
+    AT_LEAST_0_TEXT,
+    FRACTION_RANGE_TEXT,
     IsSimulated,
     ItemName,
     LowerQuartile,
@@ -25,7 +25,7 @@ from avrgym.analysis.columns import (
     UpperQuartile,
     ValueCount,
 )
-from avrgym.analysis.reading.rows import ALL_LABEL, AnswerRow
+from avrgym.analysis.reading.table_rows import ALL_LABEL, AnswerRow
 from avrgym.analysis.statistics.comparisons import (
     PARTICIPANT_UNIT,
     TRIAL_UNIT,
@@ -33,16 +33,16 @@ from avrgym.analysis.statistics.comparisons import (
     Comparison,
     ComparisonFamily,
     ResearchQuestion,
+    average_by_analysis_unit,
     compare_policies,
-    differences_by_participant,
-    holm_corrected_family,
-    values_by_analysis_unit,
+    make_holm_corrected_family,
+    summarise_participant_differences,
 )
-from avrgym.analysis.statistics.tests import signed_rank_test, summary_statistics
-from avrgym.commands.respondents import PROXY
+from avrgym.analysis.statistics.rank_tests import compute_summary_statistics, run_signed_rank_test
+from avrgym.commands.respondents import PROXY_RESPONDENT
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.study.design.design import Design
-from avrgym.study.storage.item_versions import base_name
+from avrgym.study.storage.item_versions import parse_design_name
 from avrgym.system.columns import Column
 
 
@@ -66,7 +66,7 @@ class AnswerSummaryRow:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LikertRow:
+class AnswerFrequencyRow:
     """Frequency of one value in the analysed answers to an item.
 
     The answers are from trials with one policy, or from before or after sessions.
@@ -78,20 +78,20 @@ class LikertRow:
     item: ItemName
     policy: PolicyNameOrNone
     value: Annotated[int, Column("Value on the item's scale.")]
-    count: Annotated[int, Column("Number of answers with this value.", allowed=AT_LEAST_0)]
+    count: Annotated[int, Column("Number of answers with this value.", allowed=AT_LEAST_0_TEXT)]
     by_proxy: Annotated[int, Column("Number of these answers by a proxy.", allowed="0 to count")]
-    share: Annotated[float, Column("Share of answers with this value.", allowed=SHARE)]
+    share: Annotated[float, Column("Share of answers with this value.", allowed=FRACTION_RANGE_TEXT)]
 
 
 AFTER_TRIAL = "after_trial"
 
 
-def answer_summary_rows(design: Design, answers: Sequence[AnswerRow]) -> list[AnswerSummaryRow]:
+def make_answer_summary_rows(design: Design, answers: Sequence[AnswerRow]) -> list[AnswerSummaryRow]:
     """Returns summary rows of each item and policy: over all trials, by task, by robot, and by task and robot."""
     tasks, robots = (ALL_LABEL, *design.tasks), (ALL_LABEL, *design.robots)
     rows: list[AnswerSummaryRow] = []
     for simulated in _groups(answers):
-        for item, policy, task, robot in product(trial_items(design), design.policies, tasks, robots):
+        for item, policy, task, robot in product(list_trial_items(design), design.policies, tasks, robots):
             own = [
                 row
                 for row in _counted_answers(answers, simulated, item.id, policy)
@@ -102,29 +102,31 @@ def answer_summary_rows(design: Design, answers: Sequence[AnswerRow]) -> list[An
     return rows
 
 
-def likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
+def make_answer_frequency_rows(design: Design, answers: Sequence[AnswerRow]) -> list[AnswerFrequencyRow]:
     """Returns a row with the frequency of each value of each item after trials, by policy."""
-    rows: list[LikertRow] = []
-    for simulated, questionnaire in product(_groups(answers), questionnaires_at_moment(design, AFTER_TRIAL)):
+    rows: list[AnswerFrequencyRow] = []
+    for simulated, questionnaire in product(
+        _groups(answers), find_questionnaires_at_moment(design, AFTER_TRIAL)
+    ):
         for item, policy in product(questionnaire.items, design.policies):
             own = _counted_answers(answers, simulated, item.id, policy)
-            rows += value_frequencies(simulated, questionnaire, AFTER_TRIAL, item, policy, own)
+            rows += count_value_frequencies(simulated, questionnaire, AFTER_TRIAL, item, policy, own)
     return rows
 
 
-def value_frequencies(
+def count_value_frequencies(
     simulated: bool,
     questionnaire: Questionnaire,
     moment: str,
     item: Item,
     policy: str | None,
     answers: Sequence[AnswerRow],
-) -> list[LikertRow]:
+) -> list[AnswerFrequencyRow]:
     """Returns the frequency in ``answers`` of each value on the scale of ``item``."""
     values = [row.value for row in answers]
-    of_proxies = [row.value for row in answers if row.respondent == PROXY]
+    of_proxies = [row.value for row in answers if row.respondent == PROXY_RESPONDENT]
     return [
-        LikertRow(
+        AnswerFrequencyRow(
             simulated=simulated,
             questionnaire=questionnaire.name,
             moment=moment,
@@ -135,11 +137,11 @@ def value_frequencies(
             by_proxy=of_proxies.count(value),
             share=values.count(value) / len(values) if values else 0.0,
         )
-        for value in questionnaire.scale_of(item).values
+        for value in questionnaire.find_response_scale(item).values
     ]
 
 
-def answer_test_families(design: Design, answers: Sequence[AnswerRow]) -> list[ComparisonFamily]:
+def compute_answer_test_families(design: Design, answers: Sequence[AnswerRow]) -> list[ComparisonFamily]:
     """Returns the two tests of the paper. The unit of analysis is the trial (as in the paper), or the participant.
 
     Test 1: for each policy, the first item after a trial (L1: success) is compared with the midpoint of its scale. Test
@@ -149,52 +151,52 @@ def answer_test_families(design: Design, answers: Sequence[AnswerRow]) -> list[C
     """
     families: list[ComparisonFamily] = []
     for simulated in _groups(answers):
-        rated = questionnaires_at_moment(design, AFTER_TRIAL)
+        rated = find_questionnaires_at_moment(design, AFTER_TRIAL)
         for questionnaire, unit in product(rated[:1], (TRIAL_UNIT, PARTICIPANT_UNIT)):
-            question = midpoint_question(questionnaire)
+            question = make_midpoint_question(questionnaire)
             tests = [
                 _against_middle(questionnaire, policy, answers, simulated, unit) for policy in design.policies
             ]
-            families.append(holm_corrected_family(simulated, question, unit, tests))
+            families.append(make_holm_corrected_family(simulated, question, unit, tests))
         for questionnaire, unit in product(rated, (TRIAL_UNIT, PARTICIPANT_UNIT)):
             tests = [
                 compare_policies(item.id, pair, _values(answers, simulated, item.id, pair), unit)
                 for pair, item in product(combinations(design.policies, 2), questionnaire.items)
             ]
             families.append(
-                holm_corrected_family(
-                    simulated, policy_comparison_question(design, questionnaire), unit, tests
+                make_holm_corrected_family(
+                    simulated, make_policy_comparison_question(design, questionnaire), unit, tests
                 )
             )
     return families
 
 
-def questionnaires_at_moment(design: Design, moment: str) -> list[Questionnaire]:
+def find_questionnaires_at_moment(design: Design, moment: str) -> list[Questionnaire]:
     """Returns the questionnaires at ``moment`` (such as "after_trial"), in the order of the design."""
     return [questionnaire for questionnaire in design.questionnaires if moment in questionnaire.moments]
 
 
-def trial_items(design: Design) -> tuple[Item, ...]:
+def list_trial_items(design: Design) -> tuple[Item, ...]:
     """Returns the items of all questionnaires after trials, in the order of the design."""
     return tuple(
         item
-        for questionnaire in questionnaires_at_moment(design, AFTER_TRIAL)
+        for questionnaire in find_questionnaires_at_moment(design, AFTER_TRIAL)
         for item in questionnaire.items
     )
 
 
-def midpoint_question(questionnaire: Questionnaire) -> ResearchQuestion:
+def make_midpoint_question(questionnaire: Questionnaire) -> ResearchQuestion:
     """Returns the research question: do the answers to the first item differ from the midpoint of its scale?"""
     name = f"{questionnaire.items[0].id} against the middle"
     return ResearchQuestion(name, _table_caption(questionnaire), questionnaire.instrument is None)
 
 
-def policy_comparison_question(design: Design, questionnaire: Questionnaire) -> ResearchQuestion:
+def make_policy_comparison_question(design: Design, questionnaire: Questionnaire) -> ResearchQuestion:
     """Returns the research question: do the answers to a questionnaire differ between policies?
 
     With several questionnaires after trials, the question's name contains the questionnaire's name.
     """
-    names = {base_name(each.name) for each in questionnaires_at_moment(design, AFTER_TRIAL)}
+    names = {parse_design_name(each.name) for each in find_questionnaires_at_moment(design, AFTER_TRIAL)}
     several = len(names) > 1 or questionnaire.name not in names
     name = f"policies, {questionnaire.name}" if several else "policies"
     return ResearchQuestion(name, _table_caption(questionnaire), questionnaire.instrument is None)
@@ -208,8 +210,8 @@ def _against_middle(
     questionnaire: Questionnaire, policy: str, answers: Sequence[AnswerRow], simulated: bool, unit: str
 ) -> Comparison:
     item = questionnaire.items[0]
-    neutral = questionnaire.scale_of(item).middle_value
-    values = values_by_analysis_unit(
+    neutral = questionnaire.find_response_scale(item).middle_value
+    values = average_by_analysis_unit(
         unit, {_key(row): row.value for row in _counted_answers(answers, simulated, item.id, policy)}
     )
     differences = {key: value - neutral for key, value in values.items()}
@@ -217,8 +219,8 @@ def _against_middle(
         item.id,
         (policy, list(values.values())),
         (f"{neutral:g}, the middle", [neutral] * len(values)),
-        signed_rank_test(list(differences.values())),
-        *differences_by_participant(unit, differences),
+        run_signed_rank_test(list(differences.values())),
+        *summarise_participant_differences(unit, differences),
     )
 
 
@@ -254,6 +256,6 @@ def _summary(
         policy=policy,
         task=task,
         robot=robot,
-        by_proxy=sum(row.respondent == PROXY for row in answers),
-        **summary_statistics([row.value for row in answers]),
+        by_proxy=sum(row.respondent == PROXY_RESPONDENT for row in answers),
+        **compute_summary_statistics([row.value for row in answers]),
     )

@@ -2,27 +2,30 @@
 
 from collections.abc import Sequence
 
-from avrgym.analysis.biomechanics.biomechanics import BiomechanicsRow, MeasureRangeRow
-from avrgym.analysis.biomechanics.tests import HEAD_AXIS_QUESTION, TORSO_HEIGHT_QUESTION
-from avrgym.analysis.page.comparisons import TestTables
-from avrgym.analysis.page.drawing import ReportFigures, inline_figures
-from avrgym.analysis.page.elements import (
+from avrgym.analysis.biomechanics.body_measures import BodyMeasureRangeRow, BodyMeasureRow
+from avrgym.analysis.biomechanics.population_tests import (
+    HEAD_POSITION_BY_AXIS_QUESTION,
+    TORSO_HEIGHT_QUESTION,
+)
+from avrgym.analysis.page.html_elements import (
     Markup,
-    details,
-    empty_section,
-    group_caption,
-    number_text,
-    short_number_text,
-    table,
+    format_group_caption,
+    format_number,
+    format_short_number,
+    render_details,
+    render_empty_section,
+    render_table,
     tag,
 )
+from avrgym.analysis.page.hypothesis_test_tables import TestTables
+from avrgym.analysis.page.report_figures import ReportFiguresByKind, render_inline_figures
 
 
-def biomechanics_section(
-    distributions: Sequence[BiomechanicsRow],
-    ranges: Sequence[MeasureRangeRow],
+def render_biomechanics_section(
+    distributions: Sequence[BodyMeasureRow],
+    ranges: Sequence[BodyMeasureRangeRow],
     simulated: bool,
-    drawings: ReportFigures,
+    drawings: ReportFiguresByKind,
     tests: TestTables,
 ) -> Markup:
     """Returns the report section: figures, ranges, tests and distributions.
@@ -31,21 +34,23 @@ def biomechanics_section(
     """
     own_ranges = [row for row in ranges if row.simulated is simulated]
     if not own_ranges:
-        return empty_section(
+        return render_empty_section(
             "Biomechanics", "No analysed trial has a complete recording of the body posture."
         )
     return tag(
         "section",
         tag("h3", "Biomechanics: participants and training populations"),
-        inline_figures(drawings, "torso-heights", "head-positions"),
+        render_inline_figures(drawings, "torso-heights", "head-positions"),
         _ranges(own_ranges, simulated),
         tests.pop(TORSO_HEIGHT_QUESTION.table_caption, Markup()),
-        details("Head positions, axis by axis", tests.pop(HEAD_AXIS_QUESTION.table_caption, Markup())),
-        details("The distributions in numbers", _distributions(distributions, simulated)),
+        render_details(
+            "Head positions, axis by axis", tests.pop(HEAD_POSITION_BY_AXIS_QUESTION.table_caption, Markup())
+        ),
+        render_details("The distributions in numbers", _distributions(distributions, simulated)),
     )
 
 
-def _ranges(rows: Sequence[MeasureRangeRow], simulated: bool) -> Markup:
+def _ranges(rows: Sequence[BodyMeasureRangeRow], simulated: bool) -> Markup:
     heads = ("Measure", "n", "Participants", "Original", "covers", "Revised", "covers")
     body = [
         (
@@ -59,14 +64,14 @@ def _ranges(rows: Sequence[MeasureRangeRow], simulated: bool) -> Markup:
         "Ranges that cover the participants, and shares within the ranges of the training populations: of "
         "participants for torso heights, of trials for waist angles"
     )
-    return table(group_caption(caption, simulated), heads, body, numbers=range(1, 7))
+    return render_table(format_group_caption(caption, simulated), heads, body, numbers=range(1, 7))
 
 
 def _ends(low: float, high: float) -> str:
-    return f"{short_number_text(low)} to {short_number_text(high)}"
+    return f"{format_short_number(low)} to {format_short_number(high)}"
 
 
-def _distributions(rows: Sequence[BiomechanicsRow], simulated: bool) -> Markup:
+def _distributions(rows: Sequence[BodyMeasureRow], simulated: bool) -> Markup:
     heads = (
         "Measure",
         "Posture",
@@ -80,15 +85,15 @@ def _distributions(rows: Sequence[BiomechanicsRow], simulated: bool) -> Markup:
     )
     body = [
         (
-            row.quantity, row.posture, row.population, row.n, number_text(row.mean, digits=3),
-            number_text(row.deviation, digits=3, absent="–"),
-            *(number_text(value, digits=3) for value in (row.minimum, row.median, row.maximum)),
+            row.quantity, row.posture, row.population, row.n, format_number(row.mean, digits=3),
+            format_number(row.deviation, digits=3, absent="–"),
+            *(format_number(value, digits=3) for value in (row.minimum, row.median, row.maximum)),
         )
         for row in rows
         if row.population != "participants" or row.simulated is simulated
     ]  # fmt: skip
-    return table(
-        group_caption("Distributions; training populations are simulated", simulated),
+    return render_table(
+        format_group_caption("Distributions; training populations are simulated", simulated),
         heads,
         body,
         numbers=range(3, 9),

@@ -65,7 +65,7 @@ class DesignMatrix:
     reference_groups: frozenset[TrialGroup]
     matrix: FloatArray
 
-    def contrast(self, effect: Effect) -> FloatArray:
+    def make_contrast(self, effect: Effect) -> FloatArray:
         """Returns the contrast vector (p,) of an effect. Raises ``ModelFitError`` if the effect is not identifiable."""
         weights = np.zeros(len(self.column_groups))
         for group, sign in (((effect.kind, effect.group_a), 1.0), ((effect.kind, effect.group_b), -1.0)):
@@ -78,7 +78,7 @@ class DesignMatrix:
         return weights
 
 
-def effects_of_interest(design: Design) -> tuple[Effect, ...]:
+def list_effects_of_interest(design: Design) -> tuple[Effect, ...]:
     """Returns all effects of interest of a study design: policy, robot, learning, order and carry-over effects."""
     found = [Effect(POLICY_EFFECT, b, a) for a, b in combinations(design.policies, 2)]
     found += [Effect(ROBOT_EFFECT, b, a) for a, b in combinations(design.robots, 2)]
@@ -87,18 +87,18 @@ def effects_of_interest(design: Design) -> tuple[Effect, ...]:
     if len(design.robot_policy_pairs) > 1:
         found.append(Effect(ORDER_EFFECT, LAST_TRIAL, FIRST_TRIAL))
         found += [
-            Effect(CARRY_OVER_EFFECT, carry_over_group(b), carry_over_group(a))
+            Effect(CARRY_OVER_EFFECT, make_carry_over_group_name(b), make_carry_over_group_name(a))
             for a, b in combinations(design.policies, 2)
         ]
     return tuple(found)
 
 
-def carry_over_group(policy: str) -> str:
+def make_carry_over_group_name(policy: str) -> str:
     """Returns the name of the group of trials that immediately follow a trial with ``policy``."""
     return f"after {policy}"
 
 
-def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatrix:
+def make_design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatrix:
     """Returns the design matrix of these trials. A column is omitted if it depends linearly on earlier columns."""
     groups: list[TrialGroup] = []
     reference_groups: set[TrialGroup] = set()
@@ -125,9 +125,12 @@ def _candidates(
     yield (LEARNING_EFFECT, LAST_TASK), np.array([each.block_position for each in observed])
     yield (ORDER_EFFECT, FIRST_TRIAL), None
     yield (ORDER_EFFECT, LAST_TRIAL), np.array([each.position_in_block for each in observed])
-    befores = [carry_over_group(each.previous_policy) if each.previous_policy else None for each in observed]
+    befores = [
+        make_carry_over_group_name(each.previous_policy) if each.previous_policy else None
+        for each in observed
+    ]
     yield from _indicators(
-        CARRY_OVER_EFFECT, [carry_over_group(policy) for policy in design.policies], befores
+        CARRY_OVER_EFFECT, [make_carry_over_group_name(policy) for policy in design.policies], befores
     )
 
 

@@ -11,11 +11,11 @@ from avrgym.analysis.models.effects import (
     DesignMatrix,
     Effect,
     TrialValue,
-    design_matrix,
+    make_design_matrix,
 )
 from avrgym.analysis.models.estimate import EffectEstimate, FittedModel, ModelFitError
-from avrgym.analysis.models.mixed import fit_mixed_model
-from avrgym.analysis.models.ordinal import fit_ordinal_model
+from avrgym.analysis.models.mixed_models import fit_mixed_model
+from avrgym.analysis.models.ordinal_models import fit_ordinal_model
 from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS
 from avrgym.array_types import FloatArray
 from avrgym.study.design.design import Design
@@ -78,7 +78,7 @@ def estimate_effects(
             ModelFitError("each task, or each robot, has all its values at one end of the scale"),
         )
     try:
-        names = design_matrix(design, observed)
+        names = make_design_matrix(design, observed)
         fitted = fit_model(model, observed, names)
     except ModelFitError as error:
         return dict.fromkeys(requested_effects, error)
@@ -87,7 +87,7 @@ def estimate_effects(
 
 def _estimate(fitted: FittedModel, names: DesignMatrix, effect: Effect) -> EffectEstimate | ModelFitError:
     try:
-        found = fitted.estimate(names.contrast(effect))
+        found = fitted.estimate(names.make_contrast(effect))
     except ModelFitError as error:
         return error
     own = f"participant by {RANDOM_EFFECT_BY_KIND.get(effect.kind)}"
@@ -103,7 +103,7 @@ def fit_model(model: str, observed: Sequence[TrialValue], names: DesignMatrix) -
     if model != MIXED_MODEL:
         return fit_ordinal_model(values, names.matrix, participants)
     design = np.hstack([np.ones((len(values), 1)), names.matrix])
-    together = random_effect_labels(observed)
+    together = make_random_effect_labels(observed)
     fitted = fit_mixed_model(values, design, participants, list(together.values()))
     return _WithConstant(fitted, _singular([list(together)[place] for place in fitted.zero_variance_indices]))
 
@@ -123,7 +123,7 @@ class _WithConstant:
         return replace(self._fitted.estimate(np.concatenate([[0.0], contrast])), note=self._note)
 
 
-def random_effect_labels(observed: Sequence[TrialValue]) -> dict[str, list[str]]:
+def make_random_effect_labels(observed: Sequence[TrialValue]) -> dict[str, list[str]]:
     """Returns the labels (n,) by random effect: participant, and participant by policy, by robot and by task.
 
     A random effect is omitted if its labels are equal to the participants, or if all labels differ.

@@ -4,11 +4,19 @@ from collections.abc import Sequence
 from math import exp
 
 from avrgym.analysis.models.effects import EFFECT_KINDS, POLICY_EFFECT
-from avrgym.analysis.models.models import ModelRow
-from avrgym.analysis.page.comparisons import corrected_p_text
-from avrgym.analysis.page.elements import Markup, badge, join_markup, number_text, p_text, table, tag
+from avrgym.analysis.models.regression_models import ModelEffectRow
+from avrgym.analysis.page.html_elements import (
+    Markup,
+    format_number,
+    format_p_value,
+    join_markup,
+    render_badge,
+    render_table,
+    tag,
+)
+from avrgym.analysis.page.hypothesis_test_tables import format_corrected_p
 from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS
-from avrgym.study.plan.plan import EXPLORATORY
+from avrgym.study.plan.analysis_plan import EXPLORATORY_STATUS
 
 EFFECT_TITLES = {
     "policies": "Policies",
@@ -26,7 +34,7 @@ MODELS_NOTE = (
 )
 
 
-def models_section(models: Sequence[ModelRow], simulated: bool) -> Markup:
+def render_models_section(models: Sequence[ModelEffectRow], simulated: bool) -> Markup:
     """Returns the report section about the models of one group: policy effects first. Empty without models."""
     own = [row for row in models if row.simulated is simulated]
     kinds = [kind for kind in EFFECT_KINDS if any(row.effect == kind for row in own)]
@@ -42,12 +50,12 @@ def models_section(models: Sequence[ModelRow], simulated: bool) -> Markup:
         for kind in kinds
         if kind != POLICY_EFFECT
     ]
-    mark = [badge("SIMULATED PARTICIPANTS")] if simulated else []
+    mark = [render_badge("SIMULATED PARTICIPANTS")] if simulated else []
     first = [shown[POLICY_EFFECT]] if POLICY_EFFECT in shown else []
     return tag("section", head, *mark, tag("p", MODELS_NOTE), *first, *others)
 
 
-def _kind(kind: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
+def _kind(kind: str, rows: Sequence[ModelEffectRow], simulated: bool) -> Markup:
     """Returns a table for each family of tests of one kind of effect."""
     families = dict.fromkeys(row.family for row in rows)
     return join_markup(
@@ -55,16 +63,16 @@ def _kind(kind: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
     )
 
 
-def _family(rows: Sequence[ModelRow], kind: str, simulated: bool) -> Markup:
+def _family(rows: Sequence[ModelEffectRow], kind: str, simulated: bool) -> Markup:
     source, questionnaire = rows[0].family.removeprefix(f"{kind}, "), rows[0].questionnaire
     named = source if questionnaire in source else f"{source} to {questionnaire}"
-    return effects_table(f"{EFFECT_TITLES[kind]}; {named}", rows, simulated)
+    return render_effects_table(f"{EFFECT_TITLES[kind]}; {named}", rows, simulated)
 
 
-def effects_table(caption: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
+def render_effects_table(caption: str, rows: Sequence[ModelEffectRow], simulated: bool) -> Markup:
     """Returns a table of effects. The columns corrected p, plan status and note are omitted if they are empty."""
     corrected = any(row.p_primary is not None for row in rows)
-    planned, noted = any(row.plan_status != EXPLORATORY for row in rows), any(row.note for row in rows)
+    planned, noted = any(row.plan_status != EXPLORATORY_STATUS for row in rows), any(row.note for row in rows)
     heads = (
         "Quantity", "Groups", "n", "Effect [95 % CI]", "p", "p, Holm", *(["p, corrected"] if corrected else []),
         "Leave-one-out", "p", "Role",
@@ -72,8 +80,8 @@ def effects_table(caption: str, rows: Sequence[ModelRow], simulated: bool) -> Ma
     )  # fmt: skip
     body = [
         (
-            row.quantity, f"{row.group_a} / {row.group_b}", row.participants, effect_text(row), p_text(row.p),
-            p_text(row.p_holm), *([corrected_p_text(row.p_primary)] if corrected else []),
+            row.quantity, f"{row.group_a} / {row.group_b}", row.participants, format_effect(row), format_p_value(row.p),
+            format_p_value(row.p_holm), *([format_corrected_p(row.p_primary)] if corrected else []),
             _leave_one_out(row), _probabilities(row), row.role,
             *([row.plan_status] if planned else []), *([row.note] if noted else []),
         )
@@ -84,16 +92,16 @@ def effects_table(caption: str, rows: Sequence[ModelRow], simulated: bool) -> Ma
         + ("" if planned else "; all exploratory")
         + (" (simulated participants)" if simulated else "")
     )
-    return table(marked, heads, body, numbers=range(2, 9 if corrected else 8))
+    return render_table(marked, heads, body, numbers=range(2, 9 if corrected else 8))
 
 
-def effect_text(row: ModelRow) -> str:
+def format_effect(row: ModelEffectRow) -> str:
     """Returns the odds ratio or the difference as text, with its confidence interval."""
     if row.odds_ratio is not None:
         return f"{_ratio(row.odds_ratio)} × [{_ratio(row.odds_ratio_low)}, {_ratio(row.odds_ratio_high)}]"
     if row.estimate is None:
         return "–"
-    return f"{number_text(row.estimate)} [{number_text(row.low)}, {number_text(row.high)}]"
+    return f"{format_number(row.estimate)} [{format_number(row.low)}, {format_number(row.high)}]"
 
 
 def _ratio(value: float | None) -> str:
@@ -111,19 +119,19 @@ def _ratio(value: float | None) -> str:
     )
 
 
-def _leave_one_out(row: ModelRow) -> str:
+def _leave_one_out(row: ModelEffectRow) -> str:
     """Returns the range of leave-one-participant-out estimates as text, as odds ratios or in the unit of the effect."""
     minimum, maximum = row.leave_one_out_min, row.leave_one_out_max
     if minimum is None or maximum is None:
         return "–"
     if row.odds_ratio is not None:
         return f"{_ratio(exp(minimum))} to {_ratio(exp(maximum))} ×"
-    return f"{number_text(minimum)} to {number_text(maximum)}"
+    return f"{format_number(minimum)} to {format_number(maximum)}"
 
 
-def _probabilities(row: ModelRow) -> str:
+def _probabilities(row: ModelEffectRow) -> str:
     minimum, maximum = row.leave_one_out_p_min, row.leave_one_out_p_max
-    return "–" if minimum is None else f"{p_text(minimum)} to {p_text(maximum)}"
+    return "–" if minimum is None else f"{format_p_value(minimum)} to {format_p_value(maximum)}"
 
 
 MODELS_METHOD_TEXT = (

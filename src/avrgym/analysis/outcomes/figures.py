@@ -9,10 +9,10 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from avrgym.analysis.outcomes.outcomes import ObjectiveOutcomeRow
-from avrgym.analysis.page.drawing import (
+from avrgym.analysis.outcomes.condition_outcomes import ObjectiveOutcomeRow
+from avrgym.analysis.page.report_figures import (
     BAR_GROUP_WIDTH,
-    FIGURE_WIDTH_IN,
+    FIGURE_WIDTH_INCH,
     LINE_COLOURS,
     MATPLOTLIB_STYLE,
     TEXT_COLOUR,
@@ -23,18 +23,18 @@ from avrgym.analysis.page.drawing import (
 )
 from avrgym.study.design.design import Design
 
-TICK_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+SUCCESS_RATE_TICKS = (0.0, 0.25, 0.5, 0.75, 1.0)
 SIMULATION_LABEL = "simulation"
 """Label of simulation results in the legend."""
 
 
-def success_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveOutcomeRow]) -> ReportFigure:
+def draw_success_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveOutcomeRow]) -> ReportFigure:
     """Returns a figure of the success rates of all conditions in VR and in simulation, with confidence intervals."""
     caption = _objective_caption("Success", simulated, rows)
     return _objective_figure(design, simulated, rows, "success", "success", "success_rate", caption)
 
 
-def reward_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveOutcomeRow]) -> ReportFigure:
+def draw_reward_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveOutcomeRow]) -> ReportFigure:
     """Returns a figure of the mean rewards of all conditions in VR and in simulation, with confidence intervals."""
     caption = _objective_caption("Mean reward", simulated, rows)
     return _objective_figure(design, simulated, rows, "reward", "reward", "reward_mean", caption)
@@ -58,16 +58,16 @@ def _objective_figure(
     lines = -(-len(design.tasks) // columns)
     label = {"success": "success / %", "reward": "mean reward"}[kind]
     with matplotlib.rc_context(MATPLOTLIB_STYLE):
-        figure = Figure(figsize=(FIGURE_WIDTH_IN, 0.6 + 2.1 * lines), layout="constrained")
+        figure = Figure(figsize=(FIGURE_WIDTH_INCH, 0.6 + 2.1 * lines), layout="constrained")
         for place, task in enumerate(design.tasks):
             axes = figure.add_subplot(lines, columns, place + 1)
             own = [row for row in rows if (row.simulated, row.task) == (simulated, task)]
             _conditions(axes, design, own, interval, mean)
-            label_x_ticks(axes, design.robots, 0.8 * FIGURE_WIDTH_IN / columns)
+            label_x_ticks(axes, design.robots, 0.8 * FIGURE_WIDTH_INCH / columns)
             axes.set(title=task, xlabel="robot", ylabel=label)
             if interval == "success":
                 axes.set_ylim(0.0, 1.05)
-                axes.set_yticks(TICK_SHARES, [f"{100 * share:g}" for share in TICK_SHARES])
+                axes.set_yticks(SUCCESS_RATE_TICKS, [f"{100 * share:g}" for share in SUCCESS_RATE_TICKS])
         add_legend(figure, columns=3)
     return make_report_figure(simulated, kind, caption, figure)
 

@@ -8,12 +8,12 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
-from avrgym.analysis.outcomes.outcomes import ConditionOutcome, ObjectiveOutcomeRow
-from avrgym.analysis.reading.rows import ALL_LABEL
+from avrgym.analysis.outcomes.condition_outcomes import ConditionOutcome, ObjectiveOutcomeRow
+from avrgym.analysis.reading.table_rows import ALL_LABEL
 from avrgym.analysis.tables import Table
 from avrgym.study.design.design import Design
 from avrgym.system import columns
-from avrgym.system.columns import columns_of
+from avrgym.system.columns import describe_columns
 
 
 @dataclass(frozen=True)
@@ -31,14 +31,14 @@ EMPTY_TABLE_CELL = PaperTableCell(None, None)
 class PaperTable:
     """A table of the paper, for people or for simulated participants.
 
-    ``rows``: the cells by task; the last row is over all tasks.
+    ``cells_by_task``: the cells by task; the last row is over all tasks.
     """
 
     name: str
     caption: str
-    simulated: bool
-    columns: tuple[str, ...]
-    rows: dict[str, tuple[PaperTableCell, ...]]
+    is_simulated: bool
+    column_headings: tuple[str, ...]
+    cells_by_task: dict[str, tuple[PaperTableCell, ...]]
 
 
 def _in_vr(row: ObjectiveOutcomeRow) -> PaperTableCell:
@@ -58,7 +58,7 @@ PaperTableColumn = tuple[str, str, Callable[[ObjectiveOutcomeRow], PaperTableCel
 """A table column: (robot, policy, function that returns the cell of a condition)."""
 
 
-def paper_tables(design: Design, rows: Sequence[ObjectiveOutcomeRow]) -> Iterator[PaperTable]:
+def make_paper_tables(design: Design, rows: Sequence[ObjectiveOutcomeRow]) -> Iterator[PaperTable]:
     """Yields Table I for each policy, then Table II: first for people, then for simulated participants.
 
     In Table I, a robot without simulation results has no simulation column.
@@ -100,16 +100,18 @@ def _cells(
     }
 
 
-def paper_csv_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
+def make_paper_csv_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
     """Yields the tables for CSV files, with separate columns for reward and success.
 
     Rows of people are first, then rows of simulated participants.
     """
     for name in dict.fromkeys(table.name for table in tables):
         own = [table for table in tables if table.name == name]
-        heads = [f"{column} {metric}" for column in own[0].columns for metric in ("reward", "success")]
+        heads = [
+            f"{column} {metric}" for column in own[0].column_headings for metric in ("reward", "success")
+        ]
         values = [
-            {"simulated": table.simulated, "task": task}
+            {"simulated": table.is_simulated, "task": task}
             | dict(
                 zip(
                     heads,
@@ -118,9 +120,9 @@ def paper_csv_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
                 )
             )
             for table in own
-            for task, cells in table.rows.items()
+            for task, cells in table.cells_by_task.items()
         ]
-        labels = {name: columns_of(ConditionOutcome)[name] for name in ("simulated", "task")}
+        labels = {name: describe_columns(ConditionOutcome)[name] for name in ("simulated", "task")}
         yield Table(name, labels | {head: _described(head) for head in heads}, values)
 
 

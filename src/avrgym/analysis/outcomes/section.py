@@ -2,43 +2,43 @@
 
 from collections.abc import Sequence
 
-from avrgym.analysis.outcomes.outcomes import OBJECTIVE_QUESTION, ObjectiveOutcomeRow
-from avrgym.analysis.outcomes.paper_tables import PaperTable, paper_tables
-from avrgym.analysis.page.comparisons import TestTables
-from avrgym.analysis.page.drawing import ReportFigures, inline_figures
-from avrgym.analysis.page.elements import (
+from avrgym.analysis.outcomes.condition_outcomes import OBJECTIVE_QUESTION, ObjectiveOutcomeRow
+from avrgym.analysis.outcomes.paper_tables import PaperTable, make_paper_tables
+from avrgym.analysis.page.html_elements import (
     Markup,
-    bullet_list,
-    details,
-    empty_section,
-    group_caption,
-    number_text,
-    percent_text,
-    table,
+    format_group_caption,
+    format_number,
+    format_percentage,
+    render_bullet_list,
+    render_details,
+    render_empty_section,
+    render_table,
     tag,
 )
-from avrgym.analysis.reading.rows import ALL_LABEL
+from avrgym.analysis.page.hypothesis_test_tables import TestTables
+from avrgym.analysis.page.report_figures import ReportFiguresByKind, render_inline_figures
+from avrgym.analysis.reading.table_rows import ALL_LABEL
 from avrgym.study.design.design import Design
 
 
-def outcomes_section(
+def render_outcomes_section(
     design: Design,
     outcomes: Sequence[ObjectiveOutcomeRow],
     simulated: bool,
-    drawings: ReportFigures,
+    drawings: ReportFiguresByKind,
     tests: TestTables,
 ) -> Markup:
     """Returns the report section: tables of the paper, figures, tables with confidence intervals, and tests."""
     rows = [row for row in outcomes if row.simulated is simulated]
     if not rows:
-        return empty_section("Objective measures", "No trial was completed yet.")
+        return render_empty_section("Objective measures", "No trial was completed yet.")
     return tag(
         "section",
         tag("h3", "Objective measures"),
-        *(_paper_table(each) for each in paper_tables(design, rows)),
+        *(_paper_table(each) for each in make_paper_tables(design, rows)),
         _remarks(rows),
-        inline_figures(drawings, "success", "reward"),
-        details("With 95 % intervals", _intervals(rows, simulated)),
+        render_inline_figures(drawings, "success", "reward"),
+        render_details("With 95 % intervals", _intervals(rows, simulated)),
         tests.pop(OBJECTIVE_QUESTION.table_caption, Markup()),
     )
 
@@ -49,17 +49,19 @@ def _paper_table(shown: PaperTable) -> Markup:
             "Success over all tasks" if task == ALL_LABEL else task,
             *(_reward(cell.mean_reward, cell.success_rate) for cell in cells),
         )
-        for task, cells in shown.rows.items()
+        for task, cells in shown.cells_by_task.items()
     ]
-    caption = group_caption(shown.caption, shown.simulated)
-    return table(caption, ("Task", *shown.columns), body, numbers=range(1, len(shown.columns) + 1))
+    caption = format_group_caption(shown.caption, shown.is_simulated)
+    return render_table(
+        caption, ("Task", *shown.column_headings), body, numbers=range(1, len(shown.column_headings) + 1)
+    )
 
 
 def _reward(mean: float | None, rate: float | None) -> str:
     if rate is None:
         return "–"
     share = f"{100 * rate:.0f} %"
-    return share if mean is None else f"{number_text(mean, digits=0)} ({share})"
+    return share if mean is None else f"{format_number(mean, digits=0)} ({share})"
 
 
 def _intervals(rows: Sequence[ObjectiveOutcomeRow], simulated: bool) -> Markup:
@@ -72,14 +74,17 @@ def _intervals(rows: Sequence[ObjectiveOutcomeRow], simulated: bool) -> Markup:
         (
             row.task, row.robot, row.policy, row.trials,
             _interval(row.reward_mean, row.reward_low, row.reward_high, row.trials),
-            percent_text(row.success_rate, row.success_low, row.success_high),
+            format_percentage(row.success_rate, row.success_low, row.success_high),
             *(_simulation_cells(row) if simulation else ()),
         )
         for row in rows
     ]  # fmt: skip
     numbers = (3, 4, 5, 7, 8, 9) if simulation else (3, 4, 5)
-    return table(
-        group_caption("Objective measures with 95 % intervals", simulated), heads, body, numbers=numbers
+    return render_table(
+        format_group_caption("Objective measures with 95 % intervals", simulated),
+        heads,
+        body,
+        numbers=numbers,
     )
 
 
@@ -94,7 +99,9 @@ def _simulation_cells(row: ObjectiveOutcomeRow) -> tuple[object, ...]:
             row.simulation_reward_high,
             row.simulation_episodes or 0,
         ),
-        percent_text(row.simulation_success_rate, row.simulation_success_low, row.simulation_success_high),
+        format_percentage(
+            row.simulation_success_rate, row.simulation_success_low, row.simulation_success_high
+        ),
     )
 
 
@@ -105,7 +112,7 @@ def _remarks(rows: Sequence[ObjectiveOutcomeRow]) -> Markup:
     for row in rows:
         if row.simulation_note:
             about.setdefault(row.simulation_note, []).append(f"{row.task} {row.robot} {row.policy}")
-    return bullet_list([f"Simulation of {', '.join(which)}: {note}." for note, which in about.items()])
+    return render_bullet_list([f"Simulation of {', '.join(which)}: {note}." for note, which in about.items()])
 
 
 def _interval(mean: float | None, low: float | None, high: float | None, count: int) -> str:
@@ -119,6 +126,6 @@ def _interval(mean: float | None, low: float | None, high: float | None, count: 
     ends = (
         without
         if low is None or high is None
-        else f" [{number_text(low, digits=1)}, {number_text(high, digits=1)}]"
+        else f" [{format_number(low, digits=1)}, {format_number(high, digits=1)}]"
     )
-    return number_text(mean, digits=1) + ends
+    return format_number(mean, digits=1) + ends

@@ -8,17 +8,19 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from itertools import accumulate
 
-from avrgym.analysis.page.elements import Markup, figure, tag
+from avrgym.analysis.page.html_elements import Markup, render_figure, tag
 from avrgym.recording.schema import Control
 
-CHART_WIDTH, CHART_HEIGHT = 460, 200
-LEFT_MARGIN, RIGHT_MARGIN, TOP_MARGIN, BOTTOM_MARGIN = 52, 8, 10, 38
+CHART_WIDTH_PX, CHART_HEIGHT_PX = 460, 200
+LEFT_MARGIN_PX, RIGHT_MARGIN_PX, TOP_MARGIN_PX, BOTTOM_MARGIN_PX = 52, 8, 10, 38
 LINE_COLOUR_COUNT = 6
-LEGEND_LINE_HEIGHT = 16
+LEGEND_LINE_HEIGHT_PX = 16
 """Height of one line of the legend below a chart, in SVG units (pixels)."""
 
 
-def trial_charts(times_s: Sequence[float], steps: Sequence[Control], weights: Mapping[str, float]) -> Markup:
+def draw_trial_charts(
+    times_s: Sequence[float], steps: Sequence[Control], weights: Mapping[str, float]
+) -> Markup:
     """Returns line charts over time: distance, contact force and accumulated reward terms of a trial.
 
     Reward terms are multiplied by their weights. A term without a weight has weight 1. Terms that are always zero are
@@ -30,15 +32,17 @@ def trial_charts(times_s: Sequence[float], steps: Sequence[Control], weights: Ma
     }
     moved = {name: sums for name, sums in terms.items() if any(sums)}
     charts = [
-        line_chart("Distance to the target", "m", times_s, {"": [step.distance_m for step in steps]}),
-        line_chart("Force on the person", "N", times_s, {"": [step.force_on_person_n for step in steps]}),
+        draw_line_chart("Distance to the target", "m", times_s, {"": [step.distance_m for step in steps]}),
+        draw_line_chart(
+            "Force on the person", "N", times_s, {"": [step.force_on_person_n for step in steps]}
+        ),
     ]
     if moved:
-        charts.append(line_chart("Reward so far, by weighted term", "reward", times_s, moved))
+        charts.append(draw_line_chart("Reward so far, by weighted term", "reward", times_s, moved))
     return tag("div", *charts, class_="figures")
 
 
-def line_chart(
+def draw_line_chart(
     caption: str, unit: str, times_s: Sequence[float], lines: Mapping[str, Sequence[float]]
 ) -> Markup:
     """Returns a line chart of values over time, with a line for each name. A chart of several lines has a legend.
@@ -49,28 +53,32 @@ def line_chart(
     values = [value for points in shown.values() for _, value in points]
     low, high, step = _axis(min([0.0, *values]), max([0.0, *values]))
     begin, end = min(times_s), max(times_s)
-    scale_x = (CHART_WIDTH - LEFT_MARGIN - RIGHT_MARGIN) / max(end - begin, 1e-9)
-    scale_y = (CHART_HEIGHT - TOP_MARGIN - BOTTOM_MARGIN) / (high - low)
+    scale_x = (CHART_WIDTH_PX - LEFT_MARGIN_PX - RIGHT_MARGIN_PX) / max(end - begin, 1e-9)
+    scale_y = (CHART_HEIGHT_PX - TOP_MARGIN_PX - BOTTOM_MARGIN_PX) / (high - low)
 
     def point(time_s: float, value: float) -> str:
-        return f"{LEFT_MARGIN + (time_s - begin) * scale_x:.1f},{TOP_MARGIN + (high - value) * scale_y:.1f}"
+        return f"{LEFT_MARGIN_PX + (time_s - begin) * scale_x:.1f},{TOP_MARGIN_PX + (high - value) * scale_y:.1f}"
 
     ticks = [low + step * k for k in range(round((high - low) / step) + 1)]
-    parts = [_grid_line(TOP_MARGIN + (high - tick) * scale_y, _short(tick, step)) for tick in ticks]
-    parts += [_time_tick(LEFT_MARGIN + (second - begin) * scale_x, second) for second in _seconds(begin, end)]
+    parts = [_grid_line(TOP_MARGIN_PX + (high - tick) * scale_y, _short(tick, step)) for tick in ticks]
+    parts += [
+        _time_tick(LEFT_MARGIN_PX + (second - begin) * scale_x, second) for second in _seconds(begin, end)
+    ]
     for index, points in enumerate(shown.values()):
         path = " ".join(point(*each) for each in _without_plateaus(points))
         parts.append(f'<polyline points="{path}" fill="none" stroke="{_colour(index)}" stroke-width="1.5"/>')
-    height = CHART_HEIGHT + (LEGEND_LINE_HEIGHT * math.ceil(len(lines) / 2) if len(lines) > 1 else 0)
+    height = CHART_HEIGHT_PX + (LEGEND_LINE_HEIGHT_PX * math.ceil(len(lines) / 2) if len(lines) > 1 else 0)
     parts += _key(list(lines)) if len(lines) > 1 else []
-    parts.append(_text(14, (TOP_MARGIN + CHART_HEIGHT - BOTTOM_MARGIN) / 2, unit, "middle", turned=True))
     parts.append(
-        _text((LEFT_MARGIN + CHART_WIDTH - RIGHT_MARGIN) / 2, CHART_HEIGHT - 6, "time / s", "middle")
+        _text(14, (TOP_MARGIN_PX + CHART_HEIGHT_PX - BOTTOM_MARGIN_PX) / 2, unit, "middle", turned=True)
     )
-    svg = (
-        f'<svg viewBox="0 0 {CHART_WIDTH} {height}" role="img" aria-label="{escape(caption)}" font-size="11">'
+    parts.append(
+        _text(
+            (LEFT_MARGIN_PX + CHART_WIDTH_PX - RIGHT_MARGIN_PX) / 2, CHART_HEIGHT_PX - 6, "time / s", "middle"
+        )
     )
-    return figure(Markup(f"{svg}{''.join(parts)}</svg>"), caption)
+    svg = f'<svg viewBox="0 0 {CHART_WIDTH_PX} {height}" role="img" aria-label="{escape(caption)}" font-size="11">'
+    return render_figure(Markup(f"{svg}{''.join(parts)}</svg>"), caption)
 
 
 def _finite(times_s: Sequence[float], values: Sequence[float]) -> list[tuple[float, float]]:
@@ -108,20 +116,20 @@ def _short(value: float, step: float) -> str:
 
 
 def _grid_line(y: float, text: str) -> str:
-    line = f'<path d="M{LEFT_MARGIN} {y:.1f}H{CHART_WIDTH - RIGHT_MARGIN}" stroke="var(--rule)"/>'
-    return line + _text(LEFT_MARGIN - 5, y + 4, text, "end")
+    line = f'<path d="M{LEFT_MARGIN_PX} {y:.1f}H{CHART_WIDTH_PX - RIGHT_MARGIN_PX}" stroke="var(--rule)"/>'
+    return line + _text(LEFT_MARGIN_PX - 5, y + 4, text, "end")
 
 
 def _time_tick(x: float, second: float) -> str:
-    return _text(x, CHART_HEIGHT - BOTTOM_MARGIN + 16, f"{second:g}", "middle")
+    return _text(x, CHART_HEIGHT_PX - BOTTOM_MARGIN_PX + 16, f"{second:g}", "middle")
 
 
 def _key(names: list[str]) -> list[str]:
     parts: list[str] = []
     for index, name in enumerate(names):
         x, y = (
-            LEFT_MARGIN + index % 2 * (CHART_WIDTH - LEFT_MARGIN) / 2,
-            CHART_HEIGHT + LEGEND_LINE_HEIGHT * (index // 2) + 6,
+            LEFT_MARGIN_PX + index % 2 * (CHART_WIDTH_PX - LEFT_MARGIN_PX) / 2,
+            CHART_HEIGHT_PX + LEGEND_LINE_HEIGHT_PX * (index // 2) + 6,
         )
         parts.append(f'<path d="M{x:g} {y - 4}h18" stroke="{_colour(index)}" stroke-width="2"/>')
         parts.append(_text(x + 23, y, name, "start"))

@@ -5,10 +5,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.analysis.answers.trial_answers import AFTER_TRIAL, questionnaires_at_moment
+from avrgym.analysis.answers.trial_answers import AFTER_TRIAL, find_questionnaires_at_moment
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.questionnaires.questionnaire import Item
-from avrgym.study.design.allocation import least_used_order_index, trial_orders
+from avrgym.study.design.allocation import find_least_used_order_index, make_trial_orders
 from avrgym.study.design.counterbalancing import TrialOrder
 from avrgym.study.design.design import Design
 from avrgym.system import random_streams
@@ -50,7 +50,7 @@ class PowerAssumptions:
             raise ValueError(f"dropout is {self.dropout:g}; allowed: 0 or more, below 1")
 
 
-def scale_midpoint(item: Item) -> float:
+def compute_scale_midpoint(item: Item) -> float:
     """Returns the midpoint of the scale of an item. In these simulations, each scale starts at 1."""
     return (1 + item.points) / 2
 
@@ -64,7 +64,7 @@ class SimulatedStudies:
 
     def __init__(self, design: Design, assumptions: PowerAssumptions, seed: int) -> None:
         """Store the parameters. Raises ``ValueError`` if the design has no questionnaire after trials."""
-        asked = questionnaires_at_moment(design, AFTER_TRIAL)
+        asked = find_questionnaires_at_moment(design, AFTER_TRIAL)
         if not asked:
             raise ValueError(
                 "the design has no questionnaire after trials; add one to study.toml to simulate its answers"
@@ -73,7 +73,7 @@ class SimulatedStudies:
         self._assumptions, self._seed = assumptions, seed
         self._shape = (len(design.tasks), len(design.robots), len(design.policies), len(asked[0].items))
         self._places = self._places_in_session()
-        self._middle = np.array([scale_midpoint(item) for item in asked[0].items])
+        self._middle = np.array([compute_scale_midpoint(item) for item in asked[0].items])
         self._points = np.array([item.points for item in asked[0].items])
 
     def simulate_answers(self, effect: float, participants: int, number: int) -> SimulatedAnswers:
@@ -83,13 +83,13 @@ class SimulatedStudies:
         ratings of all other policies are at the midpoint.
         """
         assumed, (tasks, _, policies, _) = self._assumptions, self._shape
-        rng = random_streams.simulated_study_generator(self._seed, number, 0)
+        rng = random_streams.make_simulated_study_rng(self._seed, number, 0)
         stays, cells = self._session(participants, number)
         places = self._places[cells]
         drawn = rng.standard_normal((len(stays), 1 + policies + int(np.prod(self._shape))))
         lenience, liking = drawn[:, 0], drawn[:, 1 : 1 + policies]
         noise = drawn[:, 1 + policies :].reshape(-1, *self._shape)
-        of_task = random_streams.simulated_study_generator(self._seed, number, 1).standard_normal(tasks)
+        of_task = random_streams.make_simulated_study_rng(self._seed, number, 1).standard_normal(tasks)
         of_policy = np.where(np.arange(policies) == policies - 1, effect, 0.0)
         shift = (
             assumed.participant_sd * lenience[:, None, None, None]
@@ -105,12 +105,12 @@ class SimulatedStudies:
     def simulate_trial_orders(self, participants: int, number: int) -> list[TrialOrder]:
         """Returns the order of trials of each participant who completes study ``number``."""
         stays, cells = self._session(participants, number)
-        orders = trial_orders(self.design)
+        orders = make_trial_orders(self.design)
         return [orders[cell] for cell in cells[stays]]
 
     def simulate_objective_measures(self, participants: int, number: int) -> FloatArray:
         """Returns random success, reward and force (participants, policies, 3). They do not depend on the policy."""
-        rng = random_streams.simulated_study_generator(self._seed, number, 3)
+        rng = random_streams.make_simulated_study_rng(self._seed, number, 3)
         return rng.standard_normal((participants, self._shape[2], 3))
 
     def _session(self, participants: int, number: int) -> tuple[BoolArray, IntArray]:
@@ -121,19 +121,19 @@ class SimulatedStudies:
         Returns:
             Boolean mask (m,) of participants who complete the study, and the indices (m,) of their orders.
         """
-        rng = random_streams.simulated_study_generator(self._seed, number, 2)
+        rng = random_streams.make_simulated_study_rng(self._seed, number, 2)
         stays: list[bool] = []
         cells: list[int] = []
         while sum(stays) < participants:
             taken = [cell for cell, remains in zip(cells, stays, strict=True) if remains]
-            cells.append(least_used_order_index(range(len(self._places)), taken))
+            cells.append(find_least_used_order_index(range(len(self._places)), taken))
             stays.append(bool(rng.random() >= self._assumptions.dropout))
         return np.array(stays), np.array(cells)
 
     def _places_in_session(self) -> FloatArray:
         """Returns the position (0 to 1) of each condition in the session: (orders, tasks, robots, policies)."""
         tasks, robots, policies, _ = self._shape
-        orders = trial_orders(self.design)
+        orders = make_trial_orders(self.design)
         places = np.zeros((len(orders), tasks, robots * policies))
         for cell, order in enumerate(orders):
             met = [(block.task_index, condition) for block in order for condition in block.condition_indices]

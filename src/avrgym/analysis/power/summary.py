@@ -5,13 +5,13 @@ from dataclasses import asdict
 from math import ceil
 from typing import Any
 
-from avrgym.analysis.power.power import ALPHA, TARGET_POWERS, PowerRow, required_participants
+from avrgym.analysis.power.power_simulation import ALPHA, TARGET_POWERS, PowerRow, find_required_participants
 from avrgym.analysis.power.simulated_studies import PowerAssumptions
 from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS, PARTICIPANT_UNIT
 from avrgym.study.design.design import Design
 
 
-def power_summary(
+def make_power_summary(
     design: Design, assumptions: PowerAssumptions, rows: Sequence[PowerRow], seed: int
 ) -> dict[str, Any]:
     """Returns assumptions, power, required numbers of participants and text, for a JSON file."""
@@ -33,7 +33,7 @@ def _required_numbers(assumptions: PowerAssumptions, rows: Sequence[PowerRow]) -
     found: list[dict[str, Any]] = []
     for effect, test, measure in _tests(rows):
         for target_power in TARGET_POWERS:
-            number = required_participants(rows, effect, test, measure, target_power)
+            number = find_required_participants(rows, effect, test, measure, target_power)
             taken_in = None if number is None else ceil(number / (1.0 - assumptions.dropout))
             found.append(
                 {"effect": effect, "test": test, "measure": measure, "power": target_power}
@@ -42,7 +42,7 @@ def _required_numbers(assumptions: PowerAssumptions, rows: Sequence[PowerRow]) -
     return found
 
 
-def terminal_table_rows(rows: Sequence[PowerRow]) -> list[dict[str, str]]:
+def make_power_table_rows(rows: Sequence[PowerRow]) -> list[dict[str, str]]:
     """Returns a row for each effect, test and measure.
 
     A row contains the corrected power by number of participants, and the required numbers of participants.
@@ -75,7 +75,7 @@ def _power(rows: Sequence[PowerRow], effect: float, test: str, measure: str, siz
 
 
 def _number(rows: Sequence[PowerRow], effect: float, test: str, measure: str, target_power: float) -> str:
-    number = required_participants(rows, effect, test, measure, target_power)
+    number = find_required_participants(rows, effect, test, measure, target_power)
     maximum = max(row.participants for row in rows)
     return f"over {maximum}" if number is None else str(number)
 
@@ -103,7 +103,7 @@ def describe_power(
     yield "A result that is not significant does not show that there is no effect."
 
 
-def min_p_value(participants: int) -> float:
+def compute_min_p_value(participants: int) -> float:
     """Returns the smallest possible p value of a Wilcoxon signed-rank test with one value per participant.
 
     Correction for multiple testing can only increase this p value.
@@ -114,7 +114,7 @@ def min_p_value(participants: int) -> float:
 def _min_p_text(participants: int) -> str:
     if participants < MIN_PARTICIPANTS:
         return f"No test is computed for fewer than {MIN_PARTICIPANTS} participants."
-    minimum = min_p_value(participants)
+    minimum = compute_min_p_value(participants)
     words = f"p of a test by participant is at least {minimum:.3g}"
     return f"{words}: no such test can be significant." if minimum >= ALPHA else f"{words}."
 

@@ -7,17 +7,21 @@ participant flow of CONSORT (Schulz et al., BMJ 340, 2010, c332).
 
 from dataclasses import dataclass
 
-from avrgym.analysis.designs import describe_by_design
-from avrgym.analysis.flow import ParticipantFlow
-from avrgym.analysis.page.elements import time_text
+from avrgym.analysis.designs import describe_session_designs
+from avrgym.analysis.page.html_elements import format_timestamp
+from avrgym.analysis.participant_flow import ParticipantFlow
 from avrgym.analysis.publication.methods import (
-    analysed_session_designs,
-    required_inclusion_answers,
-    session_days_text,
+    find_analysed_session_designs,
+    format_required_inclusion_answers,
+    format_session_days,
 )
-from avrgym.analysis.study import StudyAnalysis
-from avrgym.policies.names import OPERATOR_POLICY
-from avrgym.study.design.description import describe_blinding, describe_conditions, describe_randomization
+from avrgym.analysis.study_analysis import StudyAnalysis
+from avrgym.policies.policy_names import OPERATOR_POLICY_NAME
+from avrgym.study.design.design_description import (
+    describe_blinding,
+    describe_conditions,
+    describe_randomization,
+)
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,7 @@ class ChecklistField:
     source: str = ""
 
 
-def checklist_fields(analysis: StudyAnalysis, flow: ParticipantFlow) -> list[ChecklistField]:
+def make_checklist_fields(analysis: StudyAnalysis, flow: ParticipantFlow) -> list[ChecklistField]:
     """Returns all checklist fields for one group, in the order of a publication."""
     return [*_about_people(analysis, flow), *_about_the_study(analysis), *_about_the_analysis(analysis, flow)]
 
@@ -43,24 +47,26 @@ def _reporting(field: str, text: str, name: str) -> ChecklistField:
 
 def _about_people(analysis: StudyAnalysis, flow: ParticipantFlow) -> list[ChecklistField]:
     about = analysis.design.reporting
-    people = analysis.study_data.analysed_participants(simulated=flow.simulated)
+    people = analysis.study_data.find_analysed_participants(simulated=flow.is_simulated)
     ages = sum(row.age_years is not None for row in people)
-    withdrew = flow.withdrew_before_allocation + flow.withdrew
-    left = f"{flow.excluded} excluded, {withdrew} withdrew, {flow.deleted} deleted"
-    if lost := flow.withdrawal_unknown + flow.consent_unknown:
+    withdrew = flow.early_withdrawal_count + flow.late_withdrawal_count
+    left = f"{flow.excluded_participant_count} excluded, {withdrew} withdrew, {flow.deleted_participant_count} deleted"
+    if lost := flow.unknown_withdrawal_count + flow.unknown_consent_count:
         left += f", of {lost} unknown"
-    inclusion = describe_by_design(
-        analysed_session_designs(analysis, flow), analysis.design, required_inclusion_answers
+    inclusion = describe_session_designs(
+        find_analysed_session_designs(analysis, flow), analysis.design, format_required_inclusion_answers
     )
     consent = ", ".join(
         f"version {version}: {number}" for version, number in flow.participants_by_consent_version.items()
     )
-    if flow.reconsented or flow.declined:
-        consent += f"; re-consent: {flow.reconsented} agreed, {flow.declined} declined"
+    if flow.reconsented_participant_count or flow.declined_consent_count:
+        consent += f"; re-consent: {flow.reconsented_participant_count} agreed, {flow.declined_consent_count} declined"
     return [
         ChecklistField(
             "Number of participants",
-            f"{flow.enrolled} enrolled, {flow.analysed} analysed" if flow.enrolled else "",
+            f"{flow.enrolled_participant_count} enrolled, {flow.analysed_participant_count} analysed"
+            if flow.enrolled_participant_count
+            else "",
         ),
         ChecklistField(
             "Age",
@@ -81,19 +87,21 @@ def _about_people(analysis: StudyAnalysis, flow: ParticipantFlow) -> list[Checkl
 def _about_the_study(analysis: StudyAnalysis) -> list[ChecklistField]:
     design, about = analysis.design, analysis.design.reporting
     measures = ", ".join(each.name for each in design.questionnaires)
-    flow = next(iter(analysis.flows), None)
-    days = session_days_text(flow) if flow and flow.first_session_day else ""
+    flow = next(iter(analysis.participant_flows), None)
+    days = format_session_days(flow) if flow and flow.first_session_day else ""
     return [
         ChecklistField("Design and conditions", describe_conditions(design)),
         ChecklistField("Order and randomisation", describe_randomization(design)),
-        ChecklistField("Blinding", describe_by_design(analysis.session_designs, design, describe_blinding)),
+        ChecklistField(
+            "Blinding", describe_session_designs(analysis.session_designs, design, describe_blinding)
+        ),
         ChecklistField("Robots", ", ".join(design.robots)),
         ChecklistField(
             "Control of the robots",
             f"the policies {', '.join(design.policies)}"
             + (
                 "; for the policy operator, the experimenter"
-                if OPERATOR_POLICY in design.policies
+                if OPERATOR_POLICY_NAME in design.policies
                 else ", on their own"
             ),
         ),
@@ -105,14 +113,14 @@ def _about_the_study(analysis: StudyAnalysis) -> list[ChecklistField]:
 
 
 def _about_the_analysis(analysis: StudyAnalysis, flow: ParticipantFlow) -> list[ChecklistField]:
-    plan = analysis.frozen_plan.plan if analysis.frozen_plan else None
+    plan = analysis.plan_with_deviations.plan if analysis.plan_with_deviations else None
     rationale = plan.sample_size_rationale if plan else ""
-    deviations = len(analysis.frozen_plan.deviations) if analysis.frozen_plan else 0
-    own = [row for row in analysis.study_data.participants if row.simulated is flow.simulated]
+    deviations = len(analysis.plan_with_deviations.deviations) if analysis.plan_with_deviations else 0
+    own = [row for row in analysis.study_data.participants if row.simulated is flow.is_simulated]
     missing = sum(row.trials_missing for row in own)
     frozen = (
-        f"frozen at {time_text(analysis.frozen_plan.frozen_at)} (UTC)"
-        if analysis.frozen_plan and analysis.frozen_plan.is_confirmatory
+        f"frozen at {format_timestamp(analysis.plan_with_deviations.frozen_at)} (UTC)"
+        if analysis.plan_with_deviations and analysis.plan_with_deviations.is_confirmatory
         else ""
     )
     return [

@@ -14,14 +14,14 @@ JSON_SCHEMA_URI = "https://json-schema.org/draft/2020-12/schema"
 DATA_PACKAGE_PROFILE = "tabular-data-package"
 
 
-def analysis_codebook_rows(tables: Sequence[Table]) -> Iterator[dict[str, Any]]:
+def make_codebook_rows(tables: Sequence[Table]) -> Iterator[dict[str, Any]]:
     """Yields a row for each column of each table. The format is the same as in the codebook of study exports."""
     for table in tables:
         for name, column in table.columns.items():
             yield {"table": table.name, "column": name, **asdict(column)}
 
 
-def json_schema(tables: Sequence[Table], title: str) -> dict[str, Any]:
+def make_json_schema(tables: Sequence[Table], title: str) -> dict[str, Any]:
     """Returns the JSON Schema of the tables in ``results.json``. Every row has all columns of its table."""
     return {
         "$schema": JSON_SCHEMA_URI,
@@ -52,7 +52,7 @@ def _description(column: Column) -> dict[str, str]:
     return {"description": f"{column.meaning}{unit}{allowed}{empty}"}
 
 
-def data_package(tables: Sequence[Table], title: str, description: str) -> Mapping[str, Any]:
+def make_data_package(tables: Sequence[Table], title: str, description: str) -> Mapping[str, Any]:
     """Returns the descriptor of the tables as a Frictionless data package (specs.frictionlessdata.io)."""
     return {
         "profile": DATA_PACKAGE_PROFILE,

@@ -3,14 +3,14 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 
-from avrgym.analysis.reading.rows import AnswerRow, DataProblemRow, ScoreRow
-from avrgym.questionnaires.questionnaire import REPEATABLE_MOMENTS, SESSION_QUESTION_MOMENTS
-from avrgym.study.export.scores import scores_of
-from avrgym.study.export.trials import ExportedAnswer, ExportedAttempt, answers_of
+from avrgym.analysis.reading.table_rows import AnswerRow, DataProblemRow, ScoreRow
+from avrgym.questionnaires.questionnaire import REPEATABLE_QUESTION_MOMENTS, SESSION_QUESTION_MOMENTS
+from avrgym.study.export.exported_attempts import ExportedAnswer, ExportedAttempt, list_participant_answers
+from avrgym.study.export.scores import compute_scores
+from avrgym.study.storage.database_rows import Participant
 from avrgym.study.storage.item_versions import AnsweredItems
-from avrgym.study.storage.rows import Participant
-from avrgym.study.storage.states import ALLOCATED_STATES
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import ALLOCATED_STATES
+from avrgym.study.storage.store import StudyStore
 
 ANSWER_COLUMN_NAMES = {column.name for column in fields(AnswerRow)}
 SCORE_COLUMN_NAMES = {column.name for column in fields(ScoreRow)}
@@ -21,20 +21,20 @@ class ParticipantAnswers:
 
     def __init__(
         self,
-        store: Store,
+        store: StudyStore,
         participant: Participant,
         attempts: Sequence[ExportedAttempt],
         counted_positions: set[int],
         answered_items: AnsweredItems,
     ) -> None:
         self._store, self._participant, self._answered_items = store, participant, answered_items
-        self._answers = answers_of(store, participant, attempts, answered_items)
+        self._answers = list_participant_answers(store, participant, attempts, answered_items)
         takes_part = participant.state in ALLOCATED_STATES
         self._compared = _compared(self._answers) if takes_part else set[int]()
         of_trials = {each.stored_answer.id for each in self._answers if _is_of_trial(each, counted_positions)}
         self._counted = of_trials | self._compared
 
-    def rows(self) -> Iterator[AnswerRow]:
+    def make_answer_rows(self) -> Iterator[AnswerRow]:
         """Yields a row for each answer of the participant, in order of time."""
         for answer in self._answers:
             columns = {
@@ -42,16 +42,16 @@ class ParticipantAnswers:
             }
             yield AnswerRow(counted=answer.stored_answer.id in self._counted, **columns)
 
-    def scores(self) -> Iterator[ScoreRow]:
+    def make_score_rows(self) -> Iterator[ScoreRow]:
         """Yields a row for each score of the participant. A score is analysed if all its answers are analysed."""
-        for score in scores_of(self._store, self._participant, self._answers, self._answered_items):
+        for score in compute_scores(self._store, self._participant, self._answers, self._answered_items):
             counted = all(answer.stored_answer.id in self._counted for answer in score.answers)
             columns = {
                 name: value for name, value in vars(score.to_row()).items() if name in SCORE_COLUMN_NAMES
             }
             yield ScoreRow(counted=counted, **columns)
 
-    def problems(self) -> Iterator[DataProblemRow]:
+    def find_problems(self) -> Iterator[DataProblemRow]:
         """Yields a data problem for each moment (before or after sessions) with several answers to the same item."""
         if self._participant.state not in ALLOCATED_STATES:
             return
@@ -84,7 +84,7 @@ def _compared(answers: Sequence[ExportedAnswer]) -> set[int]:
     after breaks and all answers of caregivers are analysed.
     """
     before, after = SESSION_QUESTION_MOMENTS
-    ids = {answer.stored_answer.id for answer in answers if answer.moment in REPEATABLE_MOMENTS}
+    ids = {answer.stored_answer.id for answer in answers if answer.moment in REPEATABLE_QUESTION_MOMENTS}
     for item in {answer.stored_answer.item for answer in answers}:
         own = {
             answer.stored_answer.id: answer.moment for answer in answers if answer.stored_answer.item == item

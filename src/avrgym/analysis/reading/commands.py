@@ -3,8 +3,15 @@
 from dataclasses import dataclass
 from typing import Annotated, get_args
 
-from avrgym.analysis.columns import AT_LEAST_0, SHARE, PolicyName, RobotName, TaskName, TrialPosition
-from avrgym.analysis.reading.rows import ParticipantColumns, TrialRow
+from avrgym.analysis.column_types import (
+    AT_LEAST_0_TEXT,
+    FRACTION_RANGE_TEXT,
+    PolicyName,
+    RobotName,
+    TaskName,
+    TrialPosition,
+)
+from avrgym.analysis.reading.table_rows import ParticipantColumns, TrialRow
 from avrgym.commands.preferences import BiteTiming, PreferredSide
 from avrgym.commands.vocabulary import COMMAND_NAMES
 from avrgym.recording.reader import Recording
@@ -21,7 +28,7 @@ _AVERAGE = "no command was given"
 
 
 @dataclass(frozen=True, kw_only=True)
-class CommandRow(ParticipantColumns):
+class TrialCommandsRow(ParticipantColumns):
     """Commands to the robot in one completed trial.
 
     Trials without commands and without the participant's preferences have no row.
@@ -32,21 +39,22 @@ class CommandRow(ParticipantColumns):
     robot: RobotName
     policy: PolicyName
     counted: Annotated[bool, Column("Whether it is in the analyses.")]
-    commands: Annotated[int, Column("Number of executed commands.", allowed=AT_LEAST_0)]
-    ignored: Annotated[int, Column("Number of ignored commands.", allowed=AT_LEAST_0)]
+    commands: Annotated[int, Column("Number of executed commands.", allowed=AT_LEAST_0_TEXT)]
+    ignored: Annotated[int, Column("Number of ignored commands.", allowed=AT_LEAST_0_TEXT)]
     names: Annotated[
         str,
         Column("Number of executed commands by name.", allowed=f"NAME=NUMBER of {', '.join(COMMAND_NAMES)}"),
     ]
     sources: Annotated[str, Column("Number of executed commands by source.", allowed="SOURCE=NUMBER")]
     waiting_s: Annotated[
-        float, Column("Time for which the robot waited at its waiting pose.", unit="s", allowed=AT_LEAST_0)
+        float,
+        Column("Time for which the robot waited at its waiting pose.", unit="s", allowed=AT_LEAST_0_TEXT),
     ]
     agreement_share: Annotated[
         float | None,
         Column(
             "Share of the executed commands after which the robot did what they mean, within 1.5 s.",
-            allowed=SHARE,
+            allowed=FRACTION_RANGE_TEXT,
             empty=_AVERAGE,
         ),
     ]
@@ -69,11 +77,17 @@ class CommandRow(ParticipantColumns):
         float, Column("Pause after which the robot continues by itself, if it does.", unit="s")
     ]
     force_share: Annotated[
-        float, Column("Share of the force limits at which the force guard retracts the arm.", allowed=SHARE)
+        float,
+        Column(
+            "Share of the force limits at which the force guard retracts the arm.",
+            allowed=FRACTION_RANGE_TEXT,
+        ),
     ]
 
 
-def command_row(recording: Recording, row: TrialRow, control_step_s: float) -> CommandRow | None:
+def make_trial_commands_row(
+    recording: Recording, row: TrialRow, control_step_s: float
+) -> TrialCommandsRow | None:
     """Returns the row of a trial; ``None`` if the trial had no commands and no preferences."""
     pacing: list[Pacing] = [record for _, record in recording.messages_by_topic["/pacing"]]
     rules = recording.configuration.trial_rules
@@ -83,7 +97,7 @@ def command_row(recording: Recording, row: TrialRow, control_step_s: float) -> C
     executed = [command for command in given if not command.refusal_reason]
     agreed = [_agrees(command, pacing) for command in executed]
     waiting = sum(record.mode == "waiting" for record in pacing)
-    return CommandRow(
+    return TrialCommandsRow(
         participant=row.participant,
         site=row.site,
         simulated=row.simulated,

@@ -11,8 +11,8 @@ import numpy as np
 from msgspec.structs import asdict
 
 from avrgym.analysis.reading.answers import ParticipantAnswers
-from avrgym.analysis.reading.commands import CommandRow, command_row
-from avrgym.analysis.reading.rows import (
+from avrgym.analysis.reading.commands import TrialCommandsRow, make_trial_commands_row
+from avrgym.analysis.reading.table_rows import (
     AnswerRow,
     AttemptRow,
     DataProblemRow,
@@ -22,28 +22,32 @@ from avrgym.analysis.reading.rows import (
     StreamRow,
     TrialRow,
 )
-from avrgym.analysis.reading.trial_series import (
-    BodySeries,
-    TrialSeries,
-    read_trial_series,
-    version_differences,
+from avrgym.analysis.reading.trial_time_series import (
+    BodyPostureSeries,
+    TrialTimeSeries,
+    describe_version_differences,
+    read_trial_time_series,
 )
 from avrgym.recording.reader import Recording, RecordingError
 from avrgym.recording.schema import Latency
-from avrgym.recording.streams import stream_quality
+from avrgym.recording.streams import compute_stream_quality
 from avrgym.safety.force_guard import INTERVENTION_EVENT
-from avrgym.study.checking.plugin_checks import RecordedPlugin, plugin_findings, recorded_plugins
-from avrgym.study.checking.tracking_loss import describe_excess_tracking_loss, tracking_loss_share
-from avrgym.study.export.trials import ExportedAttempt, all_attempts
-from avrgym.study.plan.exclusion_rules import violations
-from avrgym.study.plan.frozen_plan import read_frozen_plan
+from avrgym.study.checking.plugin_checks import (
+    RecordedPlugin,
+    compare_recorded_plugins,
+    list_recorded_plugins,
+)
+from avrgym.study.checking.tracking_loss import compute_tracking_loss_fraction, describe_excess_tracking_loss
+from avrgym.study.export.exported_attempts import ExportedAttempt, list_all_attempts
+from avrgym.study.plan.exclusion_rules import find_rule_violations
+from avrgym.study.plan.frozen_plan import read_frozen_plan_evidence
 from avrgym.study.storage.attempts import CHECKSUM_MISMATCH_MESSAGE
+from avrgym.study.storage.database_rows import Participant, Trial
 from avrgym.study.storage.item_versions import AnsweredItems
-from avrgym.study.storage.rows import Participant, Trial
 from avrgym.study.storage.sites import SITE_DIFFERENCE_EVENT
-from avrgym.study.storage.states import ALLOCATED_STATES, StudyError
-from avrgym.study.storage.store import Store
-from avrgym.tasks.registry import task_and_scene
+from avrgym.study.storage.state_transitions import ALLOCATED_STATES, StudyError
+from avrgym.study.storage.store import StudyStore
+from avrgym.tasks.registry import find_task_and_scene
 
 RESULTS_FROM_DATABASE_TEXT = "reward and success come from the database"
 NO_BIOMECHANICS_TEXT = f"{RESULTS_FROM_DATABASE_TEXT}; the trial is not in the biomechanics"
@@ -60,8 +64,8 @@ TrialKey = tuple[str, int]
 class StudyData:
     """The data of a study. Rows are sorted by participant and trial.
 
-    ``trial_series``, ``latencies_by_trial``: time series and latency measurements of each recorded trial. ``plugins``:
-    plug-ins in the recordings.
+    ``time_series_by_trial``, ``latencies_by_trial``: time series and latency measurements of each recorded trial.
+    ``plugins``: plug-ins in the recordings.
     """
 
     participants: list[ParticipantRow] = field(default_factory=list[ParticipantRow])
@@ -71,9 +75,11 @@ class StudyData:
     scores: list[ScoreRow] = field(default_factory=list[ScoreRow])
     reward_terms: list[RewardTermRow] = field(default_factory=list[RewardTermRow])
     streams: list[StreamRow] = field(default_factory=list[StreamRow])
-    commands: list[CommandRow] = field(default_factory=list[CommandRow])
+    commands: list[TrialCommandsRow] = field(default_factory=list[TrialCommandsRow])
     problems: list[DataProblemRow] = field(default_factory=list[DataProblemRow])
-    trial_series: dict[TrialKey, TrialSeries] = field(default_factory=dict[TrialKey, TrialSeries])
+    time_series_by_trial: dict[TrialKey, TrialTimeSeries] = field(
+        default_factory=dict[TrialKey, TrialTimeSeries]
+    )
     latencies_by_trial: dict[TrialKey, list[Latency]] = field(default_factory=dict[TrialKey, list[Latency]])
     plugins: list[RecordedPlugin] = field(default_factory=list[RecordedPlugin])
 
@@ -82,7 +88,7 @@ class StudyData:
         """Returns the pseudonyms of all participants with an analysed trial or an analysed answer."""
         return {row.participant for row in (*self.trials, *self.answers) if row.counted}
 
-    def analysed_participants(self, *, simulated: bool) -> list[ParticipantRow]:
+    def find_analysed_participants(self, *, simulated: bool) -> list[ParticipantRow]:
         """Returns the rows of the analysed people, or of the analysed simulated participants if ``simulated``."""
         analysed = self.analysed_pseudonyms
         return [
@@ -91,7 +97,7 @@ class StudyData:
 
 
 def read_study_data(
-    store: Store,
+    store: StudyStore,
     progress: Callable[[int, int], None] = lambda done, all_: None,
     *,
     skip_damaged: bool = False,
@@ -111,7 +117,7 @@ def read_study_data(
     """
     answered_items = answered_items or AnsweredItems(store)
     found = StudyData(problems=list(_site_problems(store)))
-    attempts = list(all_attempts(store))
+    attempts = list(list_all_attempts(store))
     attempts_by_trial: dict[int, list[ExportedAttempt]] = defaultdict(list)
     attempts_by_participant: dict[str, list[ExportedAttempt]] = defaultdict(list)
     for each in attempts:
@@ -122,8 +128,8 @@ def read_study_data(
     if changed and not skip_damaged:
         raise StudyError(_refusal([each for key, each in completed.items() if key in changed]))
     num_read = 0
-    for participant in store.participants():
-        for trial in store.trials(participant.pseudonym):
+    for participant in store.read_participants():
+        for trial in store.read_trials(participant.pseudonym):
             row = _trial(participant, trial, attempts_by_trial[trial.id])
             if trial.id in completed:
                 row = _read_recording(completed[trial.id], row, found, changed=trial.id in changed)
@@ -137,22 +143,26 @@ def read_study_data(
     for row in found.trials:
         if row.counted:
             counted[row.participant].add(row.position)
-    for participant in store.participants():
+    for participant in store.read_participants():
         own, positions = attempts_by_participant[participant.pseudonym], counted[participant.pseudonym]
         answered = ParticipantAnswers(store, participant, own, positions, answered_items)
-        found.problems.extend(answered.problems())
-        found.answers.extend(answered.rows())
-        found.scores.extend(answered.scores())
+        found.problems.extend(answered.find_problems())
+        found.answers.extend(answered.make_answer_rows())
+        found.scores.extend(answered.make_score_rows())
         found.participants.append(_participant(store, participant, found))
     return found
 
 
-def _exclude_by_rules(store: Store, found: StudyData) -> None:
+def _exclude_by_rules(store: StudyStore, found: StudyData) -> None:
     """Exclude all trials of participants that violate an exclusion rule of the frozen plan. Report each violation."""
-    frozen = read_frozen_plan(store)
-    rules = () if frozen is None or frozen.record is None else frozen.record.parsed_plan().exclusion.rules
+    frozen = read_frozen_plan_evidence(store)
+    rules = (
+        ()
+        if frozen is None or frozen.frozen_plan is None
+        else frozen.frozen_plan.parse_plan().exclusion.rules
+    )
     reasons: dict[str, str] = {}
-    for each in violations(store, rules):
+    for each in find_rule_violations(store, rules):
         reasons[each.participant] = "; ".join(filter(None, (reasons.get(each.participant), each.reason)))
     for index, row in enumerate(found.trials):
         if row.counted and row.participant in reasons:
@@ -170,9 +180,9 @@ def _exclude_by_rules(store: Store, found: StudyData) -> None:
     )
 
 
-def _site_problems(store: Store) -> Iterator[DataProblemRow]:
+def _site_problems(store: StudyStore) -> Iterator[DataProblemRow]:
     """Yields a problem for each difference between the sites of a merged study."""
-    for event in store.events():
+    for event in store.read_events():
         if event.name == SITE_DIFFERENCE_EVENT:
             what = f"were merged although {event.detail}"
             yield DataProblemRow(
@@ -183,7 +193,7 @@ def _site_problems(store: Store) -> Iterator[DataProblemRow]:
 def _plugin_problems(plugins: Sequence[RecordedPlugin]) -> Iterator[DataProblemRow]:
     """Yields a problem for each plug-in that differs between trials, is not installed, or was not stored."""
     for simulated in (False, True):
-        for found in plugin_findings(each for each in plugins if each.simulated is simulated):
+        for found in compare_recorded_plugins(each for each in plugins if each.is_simulated is simulated):
             yield DataProblemRow(
                 simulated=simulated,
                 where=found.where,
@@ -258,14 +268,14 @@ def _read_recording(exported: ExportedAttempt, row: TrialRow, found: StudyData, 
         )
         return replace(row, recorded="contradictory", counted=False)
     found.plugins.extend(
-        recorded_plugins(recording.configuration, row.participant, row.position, simulated=row.simulated)
+        list_recorded_plugins(recording.configuration, row.participant, row.position, simulated=row.simulated)
     )
-    row = replace(row, tracking_loss_share=tracking_loss_share(recording))
+    row = replace(row, tracking_loss_share=compute_tracking_loss_fraction(recording))
     left_out = describe_excess_tracking_loss(recording, exported.store.design) if row.counted else None
     if left_out is not None:
         tell(f"is left out: {left_out}", "the trial is not in the analysis")
         row = replace(row, counted=False, left_out=left_out)
-    versions = version_differences(recording)
+    versions = describe_version_differences(recording)
     if versions:
         tell(f"was recorded with {versions}", "the recording is used unchanged")
     return _add_measures(recording, row, found, tell)
@@ -273,15 +283,15 @@ def _read_recording(exported: ExportedAttempt, row: TrialRow, found: StudyData, 
 
 def _without_path(error: Exception, exported: ExportedAttempt) -> str:
     """Returns the error message without the path of the recording. Results must not depend on the path of the study."""
-    return str(error).replace(f"{exported.store.absolute_path(exported.attempt.recording)}: ", "")
+    return str(error).replace(f"{exported.store.resolve_path(exported.attempt.recording)}: ", "")
 
 
 def _add_measures(
     recording: Recording, row: TrialRow, found: StudyData, tell: Callable[[str, str], None]
 ) -> TrialRow:
     configuration = recording.configuration
-    _, scene = task_and_scene(configuration.environment, configuration.settings)
-    measured = read_trial_series(recording, scene.posture)
+    _, scene = find_task_and_scene(configuration.environment, configuration.settings)
+    measured = read_trial_time_series(recording, scene.posture)
     recorded = _kind(recording, measured)
     if recorded == "cut off":
         tell(
@@ -291,7 +301,7 @@ def _add_measures(
     elif recorded == "without a body":
         tell("does not contain the body model of this version", NO_BIOMECHANICS_TEXT)
     if measured.control_steps:
-        found.trial_series[row.participant, row.position] = measured
+        found.time_series_by_trial[row.participant, row.position] = measured
         found.reward_terms.extend(_terms(row, measured))
         row = replace(row, **_step_metrics(measured))
     told = [record for _, record in recording.messages_by_topic["/latency"]]
@@ -299,7 +309,7 @@ def _add_measures(
         found.latencies_by_trial[row.participant, row.position] = told
     row = replace(row, guard_interventions=count_guard_interventions(recording))
     found.streams.extend(_streams(row, recording))
-    commands = command_row(recording, row, recording.configuration.settings.control_step_s)
+    commands = make_trial_commands_row(recording, row, recording.configuration.settings.control_step_s)
     if commands is not None:
         found.commands.append(commands)
     if recorded == "whole" and row.reward != row.reward_recorded:
@@ -307,18 +317,18 @@ def _add_measures(
             f"has a total reward of {row.reward_recorded}, the database {row.reward}",
             "the value in the database is used",
         )
-    if recorded == "whole" and measured.body_series is not None:
-        row = replace(row, **_body_metrics(measured.body_series))
+    if recorded == "whole" and measured.posture_series is not None:
+        row = replace(row, **_body_metrics(measured.posture_series))
     return replace(row, recorded=recorded)
 
 
-def _kind(recording: Recording, measured: TrialSeries) -> str:
-    if not recording.complete:
+def _kind(recording: Recording, measured: TrialTimeSeries) -> str:
+    if not recording.is_complete:
         return "cut off"
-    return "without a body" if measured.body_series is None else "whole"
+    return "without a body" if measured.posture_series is None else "whole"
 
 
-def _step_metrics(measured: TrialSeries) -> dict[str, float]:
+def _step_metrics(measured: TrialTimeSeries) -> dict[str, float]:
     forces = [step.force_on_person_n for step in measured.control_steps]
     return {
         "reward_recorded": _sum_in_order(step.reward for step in measured.control_steps),
@@ -330,7 +340,9 @@ def _step_metrics(measured: TrialSeries) -> dict[str, float]:
 
 def _streams(row: TrialRow, recording: Recording) -> list[StreamRow]:
     whose = {name: getattr(row, name) for name in ("participant", "site", "simulated", "position")}
-    return [StreamRow(**whose, **vars(figures)) for figures in stream_quality(recording.messages_by_topic)]
+    return [
+        StreamRow(**whose, **vars(figures)) for figures in compute_stream_quality(recording.messages_by_topic)
+    ]
 
 
 def count_guard_interventions(recording: Recording) -> int | None:
@@ -340,7 +352,7 @@ def count_guard_interventions(recording: Recording) -> int | None:
     return sum(event.name == INTERVENTION_EVENT for _, event in recording.messages_by_topic["/events"])
 
 
-def _body_metrics(body: BodySeries) -> dict[str, float]:
+def _body_metrics(body: BodyPostureSeries) -> dict[str, float]:
     metrics = {"torso_height_m": body.torso_height_m}
     head = body.head_centre_pos_w.mean(axis=0)
     waist = np.degrees(body.waist_angles_rad)
@@ -352,7 +364,7 @@ def _body_metrics(body: BodySeries) -> dict[str, float]:
     return metrics
 
 
-def _terms(row: TrialRow, measured: TrialSeries) -> list[RewardTermRow]:
+def _terms(row: TrialRow, measured: TrialTimeSeries) -> list[RewardTermRow]:
     names = dict.fromkeys(name for step in measured.control_steps for name in step.reward_terms)
     sums = {
         name: _sum_in_order(step.reward_terms.get(name, 0.0) for step in measured.control_steps)
@@ -381,25 +393,25 @@ def _attempt(exported: ExportedAttempt) -> AttemptRow:
     attempt = exported.attempt
     metrics = asdict(attempt.metrics)
     return AttemptRow(
-        **vars(exported.identifiers()), state=attempt.state, **metrics, recording=attempt.recording
+        **vars(exported.make_identifiers()), state=attempt.state, **metrics, recording=attempt.recording
     )
 
 
-def _participant(store: Store, participant: Participant, found: StudyData) -> ParticipantRow:
+def _participant(store: StudyStore, participant: Participant, found: StudyData) -> ParticipantRow:
     trials = [row for row in found.trials if row.participant == participant.pseudonym]
     heights = [row.torso_height_m for row in trials if row.counted and row.torso_height_m is not None]
     completed = sum(row.state == "completed" for row in trials)
     return ParticipantRow(
         participant=participant.pseudonym,
         site=participant.site,
-        site_participant=participant.site_pseudonym,
+        site_participant=participant.pseudonym_at_site,
         simulated=participant.simulated,
         state=participant.state,
         sex=participant.sex,
         age_years=participant.age_years,
         language=participant.language or store.design.languages[0],
         torso_height_m=median(heights) if heights else None,
-        sessions=len(store.sessions(participant.pseudonym)),
+        sessions=len(store.read_sessions(participant.pseudonym)),
         trials=len(trials),
         trials_completed=completed,
         trials_missing=len(trials) - completed,

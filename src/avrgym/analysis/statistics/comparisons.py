@@ -7,29 +7,33 @@ from typing import Annotated
 
 import numpy as np
 
-from avrgym.analysis import columns
-from avrgym.analysis.columns import (
-    AT_LEAST_0,
+from avrgym.analysis import column_types
+from avrgym.analysis.column_types import (
+    AT_LEAST_0_TEXT,
     NOT_TESTED_TEXT,
     EffectSize,
     EffectSizeHigh,
     EffectSizeLow,
-    GroupA,
-    GroupB,
-    HolmCorrectedP,
+    GroupAName,
+    GroupBName,
+    HolmCorrectedPValue,
     IsSimulated,
     MedianA,
     MedianB,
     Note,
     PlanStatus,
-    PrimaryCorrectedP,
+    PrimaryCorrectedPValue,
     PValue,
     QuantityName,
     ResultRole,
     SignificanceStars,
     ZeroDifferenceCount,
 )
-from avrgym.analysis.statistics.tests import StatisticalTestResult, holm_correction, signed_rank_test
+from avrgym.analysis.statistics.rank_tests import (
+    StatisticalTestResult,
+    apply_holm_correction,
+    run_signed_rank_test,
+)
 from avrgym.system.columns import Column
 
 
@@ -41,23 +45,23 @@ class ComparisonRow:
     """
 
     simulated: IsSimulated
-    family: columns.FamilyName
+    family: column_types.FamilyName
     quantity: QuantityName
     unit: Annotated[str, Column("Unit of analysis: each value is of a trial, or of a participant.")]
-    group_a: GroupA
-    group_b: GroupB
+    group_a: GroupAName
+    group_b: GroupBName
     test: Annotated[str, Column("Name of the test.")]
-    n_a: Annotated[int, Column("Number of values of the first group.", allowed=AT_LEAST_0)]
-    n_b: Annotated[int, Column("Number of values of the second group.", allowed=AT_LEAST_0)]
-    n: Annotated[int, Column("Number of values or differences in the test.", allowed=AT_LEAST_0)]
+    n_a: Annotated[int, Column("Number of values of the first group.", allowed=AT_LEAST_0_TEXT)]
+    n_b: Annotated[int, Column("Number of values of the second group.", allowed=AT_LEAST_0_TEXT)]
+    n: Annotated[int, Column("Number of values or differences in the test.", allowed=AT_LEAST_0_TEXT)]
     zeros: ZeroDifferenceCount
     median_a: MedianA
     median_b: MedianB
     statistic: Annotated[float | None, Column("Test statistic.", empty=NOT_TESTED_TEXT)]
     method: Annotated[str, Column("How p was computed.", empty=NOT_TESTED_TEXT)]
     p: PValue
-    p_holm: HolmCorrectedP
-    p_primary: PrimaryCorrectedP = None
+    p_holm: HolmCorrectedPValue
+    p_primary: PrimaryCorrectedPValue = None
     stars: SignificanceStars = ""
     effect: EffectSize
     effect_low: EffectSizeLow
@@ -70,7 +74,12 @@ class ComparisonRow:
 TRIAL_UNIT, PARTICIPANT_UNIT = "trial", "participant"
 """Units of analysis. Trials of one participant are not independent. Tests by trial therefore have no significance
 stars. They serve only as a comparison with the paper."""
-PRIMARY, SENSITIVITY, SECONDARY, SUPPLEMENT = "primary", "sensitivity analysis", "secondary", "supplement"
+PRIMARY_ROLE, SENSITIVITY_ANALYSIS_ROLE, SECONDARY_ROLE, SUPPLEMENT_ROLE = (
+    "primary",
+    "sensitivity analysis",
+    "secondary",
+    "supplement",
+)
 """Roles of results in the analysis."""
 MIN_PARTICIPANTS = 4
 """Minimum number of participants for a test or a model."""
@@ -91,7 +100,7 @@ class ResearchQuestion:
     table_caption: str
     is_primary: bool = False
 
-    def family_name(self, unit: str) -> str:
+    def make_family_name(self, unit: str) -> str:
         """Returns the name of the family of tests with this unit of analysis (trial or participant)."""
         return f"{self.name}, by {unit}"
 
@@ -119,19 +128,19 @@ class ComparisonFamily:
     ``participant_differences``: for each test, the differences by participant.
     """
 
-    simulated: bool
+    is_simulated: bool
     question: ResearchQuestion
     rows: tuple[ComparisonRow, ...]
     participant_differences: tuple[Mapping[str, float], ...]
 
 
-def holm_corrected_family(
+def make_holm_corrected_family(
     simulated: bool, question: ResearchQuestion, unit: str, tests: Sequence[Comparison]
 ) -> ComparisonFamily:
     """Returns the family of tests of one question and unit of analysis, with Holm's correction."""
     allowed = [_without_small_test(test) for test in tests]
-    adjusted = holm_correction([test.result.p for test in allowed])
-    name = question.family_name(unit)
+    adjusted = apply_holm_correction([test.result.p for test in allowed])
+    name = question.make_family_name(unit)
     rows = [_row(simulated, name, unit, test, p) for test, p in zip(allowed, adjusted, strict=True)]
     return ComparisonFamily(
         simulated, question, tuple(rows), tuple(test.participant_differences for test in allowed)
@@ -207,17 +216,21 @@ def compare_policies(
     first, second = policies
     a, b = values
     pairs = [key for key in a if key in b]
-    before = values_by_analysis_unit(unit, {key: a[key] for key in pairs})
-    after = values_by_analysis_unit(unit, {key: b[key] for key in pairs})
+    before = average_by_analysis_unit(unit, {key: a[key] for key in pairs})
+    after = average_by_analysis_unit(unit, {key: b[key] for key in pairs})
     x, y = list(after.values()), list(before.values())
     apart = np.round(np.subtract(x, y), MEAN_DECIMALS)
     differences = dict(zip(after, apart.tolist(), strict=True))
     return Comparison(
-        name, (second, x), (first, y), signed_rank_test(apart), *differences_by_participant(unit, differences)
+        name,
+        (second, x),
+        (first, y),
+        run_signed_rank_test(apart),
+        *summarise_participant_differences(unit, differences),
     )
 
 
-def values_by_analysis_unit(
+def average_by_analysis_unit(
     unit: str, values: Mapping[AnalysisUnitKey, float]
 ) -> dict[AnalysisUnitKey, float]:
     """Returns the values of trials if ``unit`` is ``TRIAL_UNIT``; otherwise the mean over the trials of each
@@ -231,7 +244,7 @@ def values_by_analysis_unit(
     return {key: round(fmean(values), MEAN_DECIMALS) for key, values in own.items()}
 
 
-def differences_by_participant(
+def summarise_participant_differences(
     unit: str, differences: Mapping[AnalysisUnitKey, float]
 ) -> tuple[int, dict[str, float]]:
     """Returns the number of participants, and the difference of each participant (empty for a test by trial)."""

@@ -25,25 +25,25 @@ RANDOM_FLIP_COUNT = 9_999
 STATISTIC_TOLERANCE = 1e-9
 
 
-def sign_flip_p_values(differences: Sequence[Mapping[str, float]]) -> list[float | None]:
+def compute_sign_flip_p_values(differences: Sequence[Mapping[str, float]]) -> list[float | None]:
     """Returns the corrected p value of each signed-rank test; ``None`` if all differences of a test are zero.
 
     Args:
         differences: for each test, the differences by participant. Participants without a value are omitted.
     """
-    ranks = signed_ranks(differences)
+    ranks = compute_signed_ranks(differences)
     sizes = np.sqrt((ranks**2).sum(axis=0))
     tested = np.flatnonzero(sizes)
     found: list[float | None] = [None] * len(differences)
     if not len(tested):
         return found
-    flipped = np.abs(sign_flips(len(ranks)) @ (ranks[:, tested] / sizes[tested]))
-    for test, p in zip(tested, step_down_p_values(flipped), strict=True):
+    flipped = np.abs(make_sign_flips(len(ranks)) @ (ranks[:, tested] / sizes[tested]))
+    for test, p in zip(tested, compute_step_down_p_values(flipped), strict=True):
         found[int(test)] = float(p)
     return found
 
 
-def signed_ranks(differences: Sequence[Mapping[str, float]]) -> FloatArray:
+def compute_signed_ranks(differences: Sequence[Mapping[str, float]]) -> FloatArray:
     """Returns signed ranks (participants, tests). The rank of a zero or missing difference is zero."""
     people = sorted({person for own in differences for person in own})
     found = np.zeros((len(people), len(differences)))
@@ -55,20 +55,20 @@ def signed_ranks(differences: Sequence[Mapping[str, float]]) -> FloatArray:
 
 
 @cache
-def sign_flips(participants: int) -> FloatArray:
+def make_sign_flips(participants: int) -> FloatArray:
     """Returns signs ±1 (combinations, participants). The first row contains the observed signs.
 
     The exact test uses one of two opposite combinations, because opposite signs give the same absolute statistics.
     """
     if participants > MAX_EXACT_PARTICIPANTS:
-        drawn = random_streams.sign_flip_generator().integers(0, 2, (RANDOM_FLIP_COUNT, participants))
+        drawn = random_streams.make_sign_flip_rng().integers(0, 2, (RANDOM_FLIP_COUNT, participants))
         return np.vstack([np.ones(participants), 1.0 - 2.0 * drawn])
     free = max(participants - 1, 0)
     chosen = np.array(list(product([1.0, -1.0], repeat=free))).reshape(2**free, free)
     return np.hstack([np.ones((2**free, participants - free)), chosen])
 
 
-def step_down_p_values(statistics: FloatArray) -> FloatArray:
+def compute_step_down_p_values(statistics: FloatArray) -> FloatArray:
     """Returns corrected p values (tests,) from ``statistics`` (combinations, tests). Row 0: observed statistics."""
     observed = statistics[0]
     order = np.argsort(-observed, kind="stable")

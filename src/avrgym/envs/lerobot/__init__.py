@@ -19,11 +19,11 @@ from avrgym.envs.lerobot_environment import LeRobotEnv
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import ENVIRONMENTS
 
-NAMESPACE = "avrgym-lerobot"
+ENVIRONMENT_NAMESPACE = "avrgym-lerobot"
 
 for _environment_id in ENVIRONMENTS:
     gym.register(
-        f"{NAMESPACE}/{_environment_id.partition('/')[2]}",
+        f"{ENVIRONMENT_NAMESPACE}/{_environment_id.partition('/')[2]}",
         entry_point=LeRobotEnv,  # pyright: ignore[reportArgumentType]
         order_enforce=False,  # LeRobot reads the instruction from the outermost environment
         kwargs={"environment_id": _environment_id},
@@ -73,7 +73,7 @@ class AvrGymEnvConfig(EnvConfig):
     @property
     def gym_id(self) -> str:
         """Environment id for ``gym.make``, such as ``avrgym-lerobot/FeedingJaco-v1``."""
-        return f"{NAMESPACE}/{self.task}"
+        return f"{ENVIRONMENT_NAMESPACE}/{self.task}"
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:

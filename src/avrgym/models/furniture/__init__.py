@@ -24,7 +24,7 @@ from avrgym.models.furniture.wheelchair import add_bracket, add_wheelchair
 __all__ = [
     "BOWL_BODY",
     "BOWL_INITIAL_POS_M",
-    "FURNITURE",
+    "FURNITURE_BUILDERS",
     "NIGHTSTAND_BODY",
     "NIGHTSTAND_TOP_POS_M",
     "TABLE_BODY",
@@ -40,7 +40,7 @@ __all__ = [
 
 add_wheelchair_without_right_armrest = partial(add_wheelchair, armrests=("left",))
 
-FURNITURE: Mapping[str, Callable[[mujoco.MjSpec, bool], None]] = {
+FURNITURE_BUILDERS: Mapping[str, Callable[[mujoco.MjSpec, bool], None]] = {
     "wheelchair": add_wheelchair,
     "wheelchair_without_right_armrest": add_wheelchair_without_right_armrest,
     "table": add_table,

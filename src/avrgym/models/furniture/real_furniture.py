@@ -6,9 +6,9 @@ from typing import Literal
 
 import msgspec
 
-from avrgym.models.furniture.bed import MATTRESS_TOP_M
+from avrgym.models.furniture.bed import MATTRESS_TOP_HEIGHT_M
 from avrgym.models.furniture.wheelchair import SEAT_DEPTH_M, SEAT_HEIGHT_M
-from avrgym.models.human import RECLINED, SEATED, Posture
+from avrgym.models.human import RECLINED_POSTURE, SEATED_POSTURE, Posture
 
 HIPS_TO_BACKREST_DISTANCE_M = 0.13
 """Distance of the centre of the hips from the backrest: about the radius of the hips."""
@@ -18,9 +18,9 @@ the headrest. Points of a mattress are the surface below the thighs, both ends o
 """
 REQUIRED_FURNITURE_POINTS: tuple[FurniturePoint, ...] = ("front", "rear", "top")
 """The points that a measurement of furniture needs."""
-Point = tuple[float, float, float]
+LocalFloorPosition = tuple[float, float, float]
 """A position in metres in ``local-floor``: x and z are horizontal, y is the height above the floor."""
-ALLOWED_RANGES: Mapping[str, tuple[float, float]] = {
+FURNITURE_MEASURE_RANGES: Mapping[str, tuple[float, float]] = {
     "seat_height_m": (0.30, 0.70),
     "seat_depth_m": (0.30, 0.80),
     "seat_back_deg": (45.0, 100.0),
@@ -45,37 +45,43 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
     seat_height_m: float = SEAT_HEIGHT_M
     seat_depth_m: float = SEAT_DEPTH_M
-    seat_back_deg: float = 90.0 + SEATED.hips_deg
+    seat_back_deg: float = 90.0 + SEATED_POSTURE.hips_deg
     seat_tilt_deg: float = 0.0
     headrest_m: float = 0.0
-    mattress_height_m: float = MATTRESS_TOP_M
-    mattress_back_deg: float = 90.0 + RECLINED.hips_deg
+    mattress_height_m: float = MATTRESS_TOP_HEIGHT_M
+    mattress_back_deg: float = 90.0 + RECLINED_POSTURE.hips_deg
 
     def __post_init__(self) -> None:
-        for name, (low, high) in ALLOWED_RANGES.items():
+        for name, (low, high) in FURNITURE_MEASURE_RANGES.items():
             value = getattr(self, name)
             if not low <= value <= high:
                 raise ValueError(f"{name} is {value:g}; allowed: {low:g} to {high:g}")
 
-    def height_offset_m(self, posture: Posture) -> float:
+    def compute_height_offset_m(self, posture: Posture) -> float:
         """Returns the height of the real seat or mattress above the virtual one, in metres."""
         lower_m = (self.seat_depth_m - HIPS_TO_BACKREST_DISTANCE_M) * sin(radians(self.seat_tilt_deg))
-        real_m = self.seat_height_m - lower_m if posture.seated else self.mattress_height_m
-        virtual_m = SEAT_HEIGHT_M if posture.seated else MATTRESS_TOP_M
-        return real_m - virtual_m - posture.rise_m
+        real_m = self.seat_height_m - lower_m if posture.is_seated else self.mattress_height_m
+        virtual_m = SEAT_HEIGHT_M if posture.is_seated else MATTRESS_TOP_HEIGHT_M
+        return real_m - virtual_m - posture.height_offset_m
 
-    def head_height_offset_m(self, posture: Posture, torso_height_m: float) -> float:
+    def compute_head_height_offset_m(self, posture: Posture, torso_height_m: float) -> float:
         """Returns the height difference of a resting head in metres: on real furniture minus on virtual furniture."""
-        real, virtual = (sin(radians(deg)) for deg in (self.backrest_deg(posture), 90.0 + posture.hips_deg))
-        return self.height_offset_m(posture) + torso_height_m * (real - virtual) + self.head_rise_m(posture)
+        real, virtual = (
+            sin(radians(deg)) for deg in (self.get_backrest_angle_deg(posture), 90.0 + posture.hips_deg)
+        )
+        return (
+            self.compute_height_offset_m(posture)
+            + torso_height_m * (real - virtual)
+            + self.compute_head_rise_m(posture)
+        )
 
-    def head_rise_m(self, posture: Posture) -> float:
+    def compute_head_rise_m(self, posture: Posture) -> float:
         """Returns the height difference of the head with and without headrest, in metres; 0 for an upright back."""
-        return self.headrest_m * cos(radians(self.backrest_deg(posture)))
+        return self.headrest_m * cos(radians(self.get_backrest_angle_deg(posture)))
 
-    def head_forward_m(self, posture: Posture) -> float:
+    def compute_head_forward_offset_m(self, posture: Posture) -> float:
         """Returns the forward displacement of the head by the headrest, in metres."""
-        return self.headrest_m * sin(radians(self.backrest_deg(posture)))
+        return self.headrest_m * sin(radians(self.get_backrest_angle_deg(posture)))
 
     def describe(self, *, seated: bool) -> str:
         """Returns the measures of the seat, or of the mattress, in one line of English."""
@@ -89,9 +95,9 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         tilt = f", tilted by {round(self.seat_tilt_deg, 1):g}°" if self.seat_tilt_deg else ""
         return f"{measures}, back at {round(self.seat_back_deg, 1):g}°{tilt}{headrest}"
 
-    def backrest_deg(self, posture: Posture) -> float:
+    def get_backrest_angle_deg(self, posture: Posture) -> float:
         """Returns the backrest angle of the real furniture from the horizontal, in degrees."""
-        return self.seat_back_deg if posture.seated else self.mattress_back_deg
+        return self.seat_back_deg if posture.is_seated else self.mattress_back_deg
 
 
 DEFAULT_FURNITURE = RealFurniture()
@@ -109,7 +115,7 @@ def change_furniture(defaults: RealFurniture, **values: float | None) -> RealFur
 
 
 def measure_furniture(
-    before: RealFurniture, points: Mapping[FurniturePoint, Point], *, seated: bool
+    before: RealFurniture, points: Mapping[FurniturePoint, LocalFloorPosition], *, seated: bool
 ) -> RealFurniture:
     """Returns the furniture with the measures of a seat, or of a mattress.
 
@@ -123,7 +129,7 @@ def measure_furniture(
     run_x, run_z = rear[0] - front_x, rear[2] - front_z
     run_m = max(hypot(run_x, run_z), 1e-6)
 
-    def behind_and_above_m(point: Point) -> tuple[float, float]:
+    def behind_and_above_m(point: LocalFloorPosition) -> tuple[float, float]:
         """Returns the horizontal and the vertical distance of a point from the rear point, in metres. Behind and above
         are positive.
         """

@@ -1,41 +1,41 @@
 """The simulated person: body models of a man and a woman, scaled by torso height, static or moving.
 
-Axes are those of the world frame: x to the person's left, y to the back, z up. ``body_layout`` computes body and geom
-frames of any number of people. The compiled model of one person and the model fields of all worlds contain these
-frames.
+Axes are those of the world frame: x to the person's left, y to the back, z up. ``compute_body_layout`` computes body
+and geom frames of any number of people. The compiled model of one person and the model fields of all worlds contain
+these frames.
 """
 
 from avrgym.models.body_names import SEXES, Sex
 from avrgym.models.human.anthropometry import (
+    BODY_DIMENSIONS,
     GIRTH_EXPONENTS,
     MAN,
-    PROPORTIONS,
     REFERENCE_STATURE_M,
     TORSO_HEIGHT_RANGE_M,
     WOMAN,
-    Proportions,
+    BodyDimensions,
 )
 from avrgym.models.human.frames import (
     ARM_BODIES,
     BODIES,
-    BODY_FROM_DEVICE_AXES,
     CRANIUM_RADIUS_M,
+    DEVICE_TO_BODY_QUAT,
     GEOMS,
     HEADSET_OFFSET_M,
     LEFT_ARM_BODIES,
     MOUTH_HEIGHT_M,
-    RECLINED,
+    RECLINED_POSTURE,
     RIGHT_ARM_BODIES,
-    SEATED,
+    SEATED_POSTURE,
     SITE_BODIES,
     Posture,
-    bind_frames,
-    body_frames,
-    body_layout,
-    body_layout_of_people,
-    body_mass_shares,
-    body_rotation,
-    body_rotations,
+    compute_bind_frames,
+    compute_body_frames,
+    compute_body_layout,
+    compute_body_mass_fractions,
+    compute_body_rotation,
+    compute_body_rotations,
+    compute_people_layout,
 )
 from avrgym.models.human.joints import (
     JOINT_INDEX,
@@ -46,16 +46,22 @@ from avrgym.models.human.joints import (
     UPPER_LIMITS_RAD,
     Y_AXIS,
     Z_AXIS,
-    seated_joint_angles,
+    make_seated_joint_angles,
 )
-from avrgym.models.human.model import PREFIX, add_person, person_model, use_speed_targets
-from avrgym.models.human.person import SKIN_TONES, People, Person, as_person
+from avrgym.models.human.model import (
+    PERSON_NAME_PREFIX,
+    add_person,
+    compile_person_model,
+    convert_to_speed_servos,
+)
+from avrgym.models.human.person import SKIN_TONES, People, Person, convert_to_person
 
 __all__ = [
     "ARM_BODIES",
     "BODIES",
-    "BODY_FROM_DEVICE_AXES",
+    "BODY_DIMENSIONS",
     "CRANIUM_RADIUS_M",
+    "DEVICE_TO_BODY_QUAT",
     "GEOMS",
     "GIRTH_EXPONENTS",
     "HEADSET_OFFSET_M",
@@ -66,13 +72,12 @@ __all__ = [
     "LOWER_LIMITS_RAD",
     "MAN",
     "MOUTH_HEIGHT_M",
-    "PREFIX",
-    "PROPORTIONS",
-    "RECLINED",
+    "PERSON_NAME_PREFIX",
+    "RECLINED_POSTURE",
     "REFERENCE_STATURE_M",
     "RIGHT_ARM_BODIES",
-    "SEATED",
     "SEATED_POSE_RAD",
+    "SEATED_POSTURE",
     "SEXES",
     "SITE_BODIES",
     "SKIN_TONES",
@@ -81,21 +86,21 @@ __all__ = [
     "WOMAN",
     "Y_AXIS",
     "Z_AXIS",
+    "BodyDimensions",
     "People",
     "Person",
     "Posture",
-    "Proportions",
     "Sex",
     "add_person",
-    "as_person",
-    "bind_frames",
-    "body_frames",
-    "body_layout",
-    "body_layout_of_people",
-    "body_mass_shares",
-    "body_rotation",
-    "body_rotations",
-    "person_model",
-    "seated_joint_angles",
-    "use_speed_targets",
+    "compile_person_model",
+    "compute_bind_frames",
+    "compute_body_frames",
+    "compute_body_layout",
+    "compute_body_mass_fractions",
+    "compute_body_rotation",
+    "compute_body_rotations",
+    "compute_people_layout",
+    "convert_to_person",
+    "convert_to_speed_servos",
+    "make_seated_joint_angles",
 ]

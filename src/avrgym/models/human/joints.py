@@ -20,8 +20,8 @@ class Joint:
 
     body: str
     axis: tuple[float, float, float]
-    lower_deg: float
-    upper_deg: float
+    lower_limit_deg: float
+    upper_limit_deg: float
     torque_limit_n_m: float
 
 
@@ -54,8 +54,8 @@ JOINTS: Mapping[str, Joint] = {
 adjacent; the first of them rotates about an axis that is fixed in the parent body."""
 
 JOINT_INDEX = {name: i for i, name in enumerate(JOINTS)}
-LOWER_LIMITS_RAD = np.radians([joint.lower_deg for joint in JOINTS.values()])
-UPPER_LIMITS_RAD = np.radians([joint.upper_deg for joint in JOINTS.values()])
+LOWER_LIMITS_RAD = np.radians([joint.lower_limit_deg for joint in JOINTS.values()])
+UPPER_LIMITS_RAD = np.radians([joint.upper_limit_deg for joint in JOINTS.values()])
 JOINT_TORQUE_LIMITS_N_M = np.array([joint.torque_limit_n_m for joint in JOINTS.values()])
 
 
@@ -72,7 +72,7 @@ SERVO_INERTIA_KG_M2: Mapping[str, float] = {
 """Inertia of each moving body about its joint, including the armature. It determines the servo gains."""
 
 
-def seated_joint_angles(**degrees: float) -> FloatArray:
+def make_seated_joint_angles(**degrees: float) -> FloatArray:
     """Returns the seated pose (20,) in radians. Keyword arguments replace the angles of joints, in degrees.
 
     Raises:
@@ -85,4 +85,4 @@ def seated_joint_angles(**degrees: float) -> FloatArray:
     return np.radians([pose.get(name, 0.0) for name in JOINTS])
 
 
-SEATED_POSE_RAD = seated_joint_angles()
+SEATED_POSE_RAD = make_seated_joint_angles()

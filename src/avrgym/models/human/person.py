@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
-from avrgym.geometry.arrays import namespace_and_floats
-from avrgym.models.body_names import ARMS, SEXES, Sex, Side
+from avrgym.geometry.arrays import get_namespace_and_floats
+from avrgym.models.body_names import PERSON_ARM_SIDES, SEXES, Sex, Side
 from avrgym.models.human.anthropometry import (
     ARM_SCALE_RANGE,
     BMI_RANGE_KG_M2,
@@ -63,8 +63,8 @@ class Person:
             raise ValueError(f"unknown skin tone {self.skin_tone!r}; allowed: {', '.join(SKIN_TONES)}")
         check_torso_height(self.torso_height_m)
         check_arm_scale(self.arm_scale)
-        if not {*self.absent_arms} <= {*ARMS}:
-            raise ValueError(f"absent_arms is {self.absent_arms!r}; allowed: {', '.join(ARMS)}")
+        if not {*self.absent_arms} <= {*PERSON_ARM_SIDES}:
+            raise ValueError(f"absent_arms is {self.absent_arms!r}; allowed: {', '.join(PERSON_ARM_SIDES)}")
         if (self.stature_m is None) != (self.bmi_kg_m2 is None):
             raise ValueError(
                 f"stature_m is {self.stature_m} and bmi_kg_m2 is {self.bmi_kg_m2}; allowed: numbers for both, or "
@@ -80,7 +80,7 @@ class Person:
             )
 
 
-def as_person(person: "Person | Mapping[str, Any] | None") -> "Person | None":
+def convert_to_person(person: "Person | Mapping[str, Any] | None") -> "Person | None":
     """Convert a mapping of field values, as in JSON, to a person. Returns a ``Person`` or ``None`` unchanged.
 
     Raises:
@@ -124,7 +124,7 @@ class People:
         strength_share: joint torques as a share of the full torques, (N,) or by joint (N, 20).
         tremor_rad: tremor amplitude of each joint (N, 20).
         arm_scale: length of upper arms and forearms relative to the average for the torso height (N,).
-        torque_share: torques towards the lower and the upper limit of each joint, as a share of the full torques (N,
+        torque_fraction: torques towards the lower and the upper limit of each joint, as a share of the full torques (N,
         20, 2).
         damping_n_m_s: passive damping of each joint, N m s/rad (N, 20).
         stature_m, bmi_kg_m2: stature and body mass index (N,); NaN for the radii and mass of the paper's man or woman.
@@ -137,7 +137,7 @@ class People:
     strength_share: FloatArray
     tremor_rad: FloatArray
     arm_scale: FloatArray
-    torque_share: FloatArray
+    torque_fraction: FloatArray
     damping_n_m_s: FloatArray
     stature_m: FloatArray
     bmi_kg_m2: FloatArray
@@ -146,7 +146,7 @@ class People:
     def from_persons(cls, persons: Iterable[Person]) -> "People":
         """Returns the body parameters of several ``Person`` records as arrays."""
         persons = list(persons)
-        people = cls.unimpaired(
+        people = cls.make_unimpaired(
             np.array([person.sex == "woman" for person in persons]),
             np.array([person.torso_height_m for person in persons], float),
             np.stack([np.asarray(person.joint_angles_rad, float) for person in persons]),
@@ -159,11 +159,11 @@ class People:
         )
 
     @classmethod
-    def unimpaired(
+    def make_unimpaired(
         cls, is_woman: BoolArray, torso_height_m: FloatArray, joint_angles_rad: FloatArray
     ) -> "People":
         """Returns people with full joint ranges and strength, without tremor and damping, with average arm lengths."""
-        xp, height, angles = namespace_and_floats(torso_height_m, joint_angles_rad)
+        xp, height, angles = get_namespace_and_floats(torso_height_m, joint_angles_rad)
         full = xp.ones_like(height)
         torques = xp.ones_like(xp.stack([angles, angles], axis=-1))
         none = xp.zeros_like(angles)
@@ -182,7 +182,7 @@ class People:
             unknown,
         )
 
-    def person_at(self, index: int) -> Person:
+    def get_person(self, index: int) -> Person:
         """Returns the body parameters of the person with index ``index`` as a ``Person``."""
         sex = SEXES[int(self.is_woman[index])]
         return Person(

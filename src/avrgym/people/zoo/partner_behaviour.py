@@ -1,6 +1,6 @@
 """Behaviour model of zoo partners: computes their goal joint angles from their observations.
 
-``people.motor`` moves the joints to these goals, and adds sway, chewing and tremor.
+``people.motor_model`` moves the joints to these goals, and adds sway, chewing and tremor.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,20 +11,26 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import RAD_PER_DEGREE, constant_like, float_copy, namespace, row_indices
+from avrgym.geometry.arrays import (
+    RAD_PER_DEGREE,
+    constant_like,
+    copy_as_float,
+    get_namespace,
+    make_row_indices,
+)
 from avrgym.models.human import JOINT_INDEX, People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.people import cooperation, motor
+from avrgym.people import cooperation, motor_model
 from avrgym.people.cooperation import (
     ARM_APPROACH_DISTANCE_M,
     ARM_LIFT_ANGLE_RAD,
-    LEAN_RAD,
+    LEAN_ANGLE_RAD,
     MAX_HEAD_TURN_RAD,
     MOUTH_APPROACH_DISTANCE_M,
     OfferedBodyPart,
     PersonObservation,
 )
-from avrgym.people.motor import GOLDEN_RATIO_FRACTION, MAX_JOINT_SPEED_RAD_S, MotorState
+from avrgym.people.motor_model import GOLDEN_RATIO_FRACTION, MAX_JOINT_SPEED_RAD_S, MotorState
 from avrgym.people.zoo.partners import BehaviourParameters
 
 JointLimiter = Callable[[FloatArray], FloatArray]
@@ -46,7 +52,7 @@ class PartnerState:
 
     Attributes:
         parameters: table (N, 23) of ``BehaviourParameters``.
-        uniforms: random numbers from 0 to 1 (N, 4) that determine times and directions of a person's movements.
+        random_numbers: random numbers from 0 to 1 (N, 4) that determine times and directions of a person's movements.
         tool_history_w: latest tool positions (N, ``TOOL_HISTORY_LENGTH``, 3), newest first.
         initial_angles_rad: initial joint angles (N, 20).
         joint_targets_rad: joint targets without rhythmic motion (N, 20).
@@ -58,7 +64,7 @@ class PartnerState:
     """
 
     parameters: FloatArray
-    uniforms: FloatArray
+    random_numbers: FloatArray
     tool_history_w: FloatArray
     initial_angles_rad: FloatArray
     joint_targets_rad: FloatArray
@@ -83,22 +89,22 @@ class _ToolPercept(NamedTuple):
     side: FloatArray
 
 
-def initial_state(people: People, parameters: BehaviourParameters, uniforms: FloatArray) -> PartnerState:
+def make_initial_state(people: People, parameters: BehaviourParameters, uniforms: FloatArray) -> PartnerState:
     """Returns the initial state of n partners with the bodies of ``people`` and ``parameters``, arrays (n,).
 
     ``uniforms`` (n, 4) are random numbers. With them, partners with equal parameters behave differently.
     """
-    xp = namespace(uniforms)
-    at_rest, none = xp.zeros_like(people.joint_angles_rad), xp.zeros_like(uniforms[:, 0])
+    xp = get_namespace(uniforms)
+    is_at_rest, none = xp.zeros_like(people.joint_angles_rad), xp.zeros_like(uniforms[:, 0])
     return PartnerState(
         parameters=parameters.to_table(),
-        uniforms=uniforms,
+        random_numbers=uniforms,
         tool_history_w=xp.zeros(
             (len(uniforms), TOOL_HISTORY_LENGTH, 3), dtype=uniforms.dtype, device=uniforms.device
         ),
         initial_angles_rad=people.joint_angles_rad,
         joint_targets_rad=people.joint_angles_rad,
-        target_speed_rad_s=at_rest,
+        target_speed_rad_s=is_at_rest,
         time_s=none,
         tool_near_duration_s=none,
         time_since_startle_s=xp.full_like(none, NEVER_STARTLED_S),
@@ -114,7 +120,7 @@ def choose_goal_angles(
     The goals are not yet limited to joint ranges and speeds.
     """
     parameters = BehaviourParameters.from_table(state.parameters)
-    history = namespace(state.tool_history_w).concat(
+    history = get_namespace(state.tool_history_w).concat(
         [observation.tool_pos_w[:, None], state.tool_history_w[:, :-1]], axis=1
     )
     state = replace(state, tool_history_w=history, time_s=state.time_s + CONTROL_STEP_S)
@@ -128,11 +134,11 @@ def are_startled(state: PartnerState) -> BoolArray:
     return state.time_since_startle_s <= BehaviourParameters.from_table(state.parameters).startle_duration_s
 
 
-def initial_motor_state(state: PartnerState, people: People) -> MotorState:
+def make_initial_motor_state(state: PartnerState, people: People) -> MotorState:
     """Returns the initial state of the motor model for N partners."""
-    parameters, uniforms = BehaviourParameters.from_table(state.parameters), state.uniforms
-    further = motor.derive_uniforms(uniforms)
-    rhythms = motor.sample_rhythms(
+    parameters, uniforms = BehaviourParameters.from_table(state.parameters), state.random_numbers
+    further = motor_model.derive_random_numbers(uniforms)
+    rhythms = motor_model.sample_rhythms(
         RAD_PER_DEGREE * parameters.sway_deg,
         parameters.sway_hz,
         2.0 * np.pi * uniforms[:, :2],
@@ -140,7 +146,7 @@ def initial_motor_state(state: PartnerState, people: People) -> MotorState:
         parameters.chew_hz,
         further[:, 2:],
     )
-    return motor.initial_state(
+    return motor_model.make_initial_state(
         people, rhythms, parameters.speed_share, further[:, :3], tremor_hz=parameters.tremor_hz
     )
 
@@ -151,9 +157,9 @@ def move_joint_targets(targets_rad: FloatArray, joints: Sequence[str], action: F
     ``action`` (N, K) is the joint speed divided by ``MAX_JOINT_SPEED_RAD_S``, clipped to ±1.
     """
     columns = np.array([JOINT_INDEX[name] for name in joints], dtype=np.intp)
-    targets = float_copy(targets_rad)
+    targets = copy_as_float(targets_rad)
     reach = constant_like(CONTROL_STEP_S * MAX_JOINT_SPEED_RAD_S[columns], targets)
-    targets[:, constant_like(columns, targets)] += reach * namespace(action).clip(action, -1.0, 1.0)
+    targets[:, constant_like(columns, targets)] += reach * get_namespace(action).clip(action, -1.0, 1.0)
     return targets
 
 
@@ -165,14 +171,16 @@ def _perceive_tool(
     posture: Posture,
 ) -> _ToolPercept:
     """Returns the perceived tool. Its position is one reaction delay old, interpolated between two stored positions."""
-    xp = namespace(state.time_s)
+    xp = get_namespace(state.time_s)
     back = parameters.reaction_s / CONTROL_STEP_S
     whole = xp.astype(back, xp.int64)
-    share, row = (back - whole)[:, None], row_indices(back)
+    share, row = (back - whole)[:, None], make_row_indices(back)
     tool = (1.0 - share) * state.tool_history_w[row, whole] + share * state.tool_history_w[row, whole + 1]
     aware = state.time_s > parameters.reaction_s + 1.5 * CONTROL_STEP_S
     tool = xp.where(aware[:, None], tool, observation.mouth_pos_w)
-    ahead = cooperation.to_torso_frame(state.joint_targets_rad, tool - observation.head_pos_w, posture)
+    ahead = cooperation.transform_to_torso_frame(
+        state.joint_targets_rad, tool - observation.head_pos_w, posture
+    )
     match offered:
         case "mouth":
             gap = xp.where(ahead[:, 1] < 0.0, transforms.norm(tool - observation.mouth_pos_w), np.inf)
@@ -181,14 +189,16 @@ def _perceive_tool(
         case "left_arm" | "nothing":
             gap = xp.full_like(back, xp.inf)
     side = xp.where(ahead[:, 0] > 0.0, 1.0, -1.0)
-    return _ToolPercept(aware, cooperation.head_angles_toward(ahead), xp.where(aware, gap, np.inf), side)
+    return _ToolPercept(
+        aware, cooperation.compute_head_angles_toward(ahead), xp.where(aware, gap, np.inf), side
+    )
 
 
 def _update_startle(
     state: PartnerState, parameters: BehaviourParameters, percept: _ToolPercept, offered: OfferedBodyPart
 ) -> PartnerState:
     """Returns the state with updated durations: since the tool came near, and since the latest startle."""
-    xp = namespace(percept.gap_m)
+    xp = get_namespace(percept.gap_m)
     near = percept.gap_m < (ARM_APPROACH_DISTANCE_M if offered == "arm" else MOUTH_APPROACH_DISTANCE_M)
     startled = (parameters.startle_deg > 0.0) & (percept.gap_m < parameters.startle_distance_m)
     startled &= state.time_since_startle_s > parameters.startle_duration_s + MIN_STARTLE_INTERVAL_S
@@ -204,9 +214,9 @@ def _desired_angles(
     state: PartnerState, parameters: BehaviourParameters, percept: _ToolPercept, offered: OfferedBodyPart
 ) -> FloatArray:
     """Returns the desired joint angles (N, 20), without limits of range and speed."""
-    desired = float_copy(state.initial_angles_rad)
+    desired = copy_as_float(state.initial_angles_rad)
     xp, most, head = (
-        namespace(desired),
+        get_namespace(desired),
         constant_like(MAX_HEAD_TURN_RAD, desired),
         constant_like(_HEAD, desired),
     )
@@ -224,10 +234,10 @@ def _glance(desired: FloatArray, state: PartnerState, parameters: BehaviourParam
     """Change ``desired`` by occasional head turns: to the side of a companion, or to a random side."""
     count, share = _periods(state, parameters.glance_period_s, 2)
     away = (parameters.glance_share > 0.0) & (share >= 1.0 - parameters.glance_share)
-    side = 1.0 - 2.0 * (state.uniforms[:, 3] < 0.5)
-    anywhere = 2.0 * _uniform(state.uniforms[:, 3], count) - 1.0
+    side = 1.0 - 2.0 * (state.random_numbers[:, 3] < 0.5)
+    anywhere = 2.0 * _uniform(state.random_numbers[:, 3], count) - 1.0
     yaw = RAD_PER_DEGREE * (side * parameters.glance_deg + anywhere * parameters.random_glance_deg)
-    desired[:, _HEAD[2]] = namespace(desired).where(away, yaw, desired[:, _HEAD[2]])
+    desired[:, _HEAD[2]] = get_namespace(desired).where(away, yaw, desired[:, _HEAD[2]])
 
 
 def _shift(desired: FloatArray, state: PartnerState, parameters: BehaviourParameters) -> None:
@@ -235,21 +245,21 @@ def _shift(desired: FloatArray, state: PartnerState, parameters: BehaviourParame
     count, _ = _periods(state, parameters.shift_period_s, 3)
     extent = RAD_PER_DEGREE * parameters.shift_deg
     for axis, joint in enumerate(_WAIST):
-        desired[:, joint] += extent * (2.0 * _uniform(state.uniforms[:, axis], count) - 1.0)
-    desired[:, _SHOULDER] += extent * _uniform(state.uniforms[:, 3], count)
+        desired[:, joint] += extent * (2.0 * _uniform(state.random_numbers[:, axis], count) - 1.0)
+    desired[:, _SHOULDER] += extent * _uniform(state.random_numbers[:, 3], count)
 
 
 def _approach(
     desired: FloatArray, state: PartnerState, parameters: BehaviourParameters, offered: OfferedBodyPart
 ) -> None:
     """Change ``desired``: lean towards a near tool, or lift the arm. Hesitant people pause at half the approach."""
-    xp = namespace(desired)
+    xp = get_namespace(desired)
     hesitates = parameters.pause_s > 0.0
     halves = xp.floor(state.tool_near_duration_s / xp.where(hesitates, parameters.pause_s, 1.0))
     come = xp.where(hesitates, xp.minimum(0.5 * halves, 1.0), state.tool_near_duration_s > 0.0)
     share = parameters.approach_share * come
     if offered == "mouth":
-        desired[:, _WAIST[0]] += share * LEAN_RAD
+        desired[:, _WAIST[0]] += share * LEAN_ANGLE_RAD
     elif offered == "arm":
         desired[:, _SHOULDER] += share * ARM_LIFT_ANGLE_RAD
         desired[:, _ELBOW] += share * ARM_LIFT_ANGLE_RAD
@@ -266,7 +276,7 @@ def _withdraw(
     is_startled = (state.startle_count > 0.0) & (state.time_since_startle_s <= parameters.startle_duration_s)
     extent_deg = parameters.withdrawal_deg * (state.tool_near_duration_s > 0.0)
     startle_deg = parameters.startle_deg * 0.5 ** (state.startle_count - 1.0)
-    extent_deg = extent_deg + namespace(startle_deg).where(is_startled, startle_deg, 0.0)
+    extent_deg = extent_deg + get_namespace(startle_deg).where(is_startled, startle_deg, 0.0)
     extent = RAD_PER_DEGREE * extent_deg
     desired[:, _WAIST[1]] -= 0.5 * percept.side * extent
     if offered == "arm":
@@ -278,12 +288,12 @@ def _withdraw(
 
 def _periods(state: PartnerState, every_s: FloatArray, of: int) -> tuple[FloatArray, FloatArray]:
     """Returns the number of completed periods (N,), and the elapsed share of the current period (N,)."""
-    rounds = state.time_s / every_s + state.uniforms[:, of]
-    count = namespace(rounds).floor(rounds)
+    rounds = state.time_s / every_s + state.random_numbers[:, of]
+    count = get_namespace(rounds).floor(rounds)
     return count, rounds - count
 
 
 def _uniform(first: FloatArray, count: FloatArray) -> FloatArray:
     """Returns pseudo-random numbers (N,) in 0..1 for events with the numbers ``count`` (N,)."""
     value = first + GOLDEN_RATIO_FRACTION * count
-    return value - namespace(value).floor(value)
+    return value - get_namespace(value).floor(value)

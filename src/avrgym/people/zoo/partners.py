@@ -15,11 +15,11 @@ import numpy as np
 
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.commands.preferences import MAX_SPEED_FACTOR, MIN_SPEED_FACTOR
-from avrgym.geometry.arrays import RAD_PER_DEGREE, choose_index, constant_like, namespace
+from avrgym.geometry.arrays import RAD_PER_DEGREE, choose_index, constant_like, get_namespace
 from avrgym.models.human import JOINTS, People
 from avrgym.people import impairments
 from avrgym.people.impairments import MAX_TREMOR_TARGET_RAD
-from avrgym.people.motor import DEFAULT_TREMOR_HZ
+from avrgym.people.motor_model import DEFAULT_TREMOR_HZ
 from avrgym.people.population_names import EXTREME_ZOO, TRAIN_ZOO, UNSEEN_ZOO
 from avrgym.people.zoo.styles import STYLES, BehaviourStyle
 from avrgym.system import random_streams
@@ -69,7 +69,7 @@ class BehaviourParameters:
         chew_deg, chew_hz: head motion with the jaw.
         shift_deg, shift_period_s: extent and period of posture shifts.
         sway_deg, sway_hz: amplitude and frequency of sway.
-        speed_share: speed and acceleration relative to the limits of ``people.motor``.
+        speed_share: speed and acceleration relative to the limits of ``population_names.motor_model``.
         tremor_deg, tremor_hz: tremor amplitude of the head, and frequency. The amplitude of the arms is half as large.
         strength_share, range_share: joint torques and joint ranges, relative to the full ones.
     """
@@ -110,7 +110,7 @@ class BehaviourParameters:
     def to_table(self) -> FloatArray:
         """Returns the parameters as a table (P, 23) with a column for each of ``PARAMETER_NAMES``."""
         arrays = list(vars(self).values())
-        return namespace(arrays[0]).stack(arrays, axis=-1)
+        return get_namespace(arrays[0]).stack(arrays, axis=-1)
 
 
 PARAMETER_NAMES = tuple(each.name for each in fields(BehaviourParameters))
@@ -142,7 +142,7 @@ def _partners() -> tuple[Partner, ...]:
     )
 
 
-def style_values(style: BehaviourStyle, levels: tuple[float, ...]) -> dict[str, float]:
+def interpolate_style_parameters(style: BehaviourStyle, levels: tuple[float, ...]) -> dict[str, float]:
     """Returns the parameter values of a style by name, at the given levels on its axes."""
     return {
         trait: float(
@@ -156,7 +156,7 @@ def style_values(style: BehaviourStyle, levels: tuple[float, ...]) -> dict[str, 
 PARTNERS = _partners()
 
 
-def parameters_of(values: Sequence[Mapping[str, float]]) -> BehaviourParameters:
+def make_behaviour_parameters(values: Sequence[Mapping[str, float]]) -> BehaviourParameters:
     """Returns the parameters of partners, given values by name. Missing values are the defaults."""
     return BehaviourParameters(
         *(
@@ -166,7 +166,9 @@ def parameters_of(values: Sequence[Mapping[str, float]]) -> BehaviourParameters:
     )
 
 
-PARTNER_PARAMETERS = parameters_of([style_values(STYLES[each.style], each.levels) for each in PARTNERS])
+PARTNER_PARAMETERS = make_behaviour_parameters(
+    [interpolate_style_parameters(STYLES[each.style], each.levels) for each in PARTNERS]
+)
 """Behaviour parameters of all ``PARTNERS``, in the same order."""
 
 
@@ -174,25 +176,27 @@ PARTNER_PARAMETERS = parameters_of([style_values(STYLES[each.style], each.levels
 class PartnerSet:
     """A set of partners. To sample a partner, a group is sampled first, then a partner of this group.
 
-    ``group_rows`` contains the row of the first partner and the number of partners of each group. In the zoo, a group
-    is a style.
+    ``group_starts_and_sizes`` contains the row of the first partner and the number of partners of each group. In the
+    zoo, a group is a style.
     """
 
     parameters: BehaviourParameters
-    group_rows: tuple[tuple[int, int], ...]
+    group_starts_and_sizes: tuple[tuple[int, int], ...]
 
     def __len__(self) -> int:
-        return sum(count for _, count in self.group_rows)
+        return sum(count for _, count in self.group_starts_and_sizes)
 
-    def draw_rows(self, uniforms: FloatArray) -> IntArray:
+    def sample_partner_rows(self, uniforms: FloatArray) -> IntArray:
         """Sample n partners from uniform numbers (n, 2). Returns their rows (n,) in ``parameters``."""
-        first, count = (constant_like(each, uniforms) for each in np.array(self.group_rows).T.copy())
-        group = choose_index(uniforms[:, 0], len(self.group_rows))
+        first, count = (
+            constant_like(each, uniforms) for each in np.array(self.group_starts_and_sizes).T.copy()
+        )
+        group = choose_index(uniforms[:, 0], len(self.group_starts_and_sizes))
         return first[group] + choose_index(uniforms[:, 1], count[group])
 
     def sample(self, uniforms: FloatArray) -> BehaviourParameters:
         """Sample n partners from uniform numbers (n, 2). Returns their parameters, arrays (n,)."""
-        return self.parameters.select_partners(self.draw_rows(uniforms), uniforms)
+        return self.parameters.select_partners(self.sample_partner_rows(uniforms), uniforms)
 
 
 NUM_FITTED_PARTNERS = 512
@@ -207,7 +211,7 @@ def sample_fitted_partners(estimates: Sequence[Mapping[str, tuple[float, float]]
             participant. The parameters of the partner are normally distributed and clipped to ``PARAMETER_BOUNDS``.
             Parameters without an estimate have their default values.
     """
-    random = random_streams.fitted_population_generator()
+    random = random_streams.make_fitted_population_rng()
     normal = random.standard_normal((NUM_FITTED_PARTNERS, len(PARAMETER_NAMES)))
     values = [
         {
@@ -218,7 +222,7 @@ def sample_fitted_partners(estimates: Sequence[Mapping[str, tuple[float, float]]
         }
         for row, estimate in zip(normal.tolist(), cycle(estimates), strict=False)
     ]
-    return PartnerSet(parameters_of(values), ((0, len(values)),))
+    return PartnerSet(make_behaviour_parameters(values), ((0, len(values)),))
 
 
 def _zoo_set(zoo: str, styles: Collection[str]) -> PartnerSet:

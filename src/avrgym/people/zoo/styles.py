@@ -36,7 +36,7 @@ SWAY_AMPLITUDE_RANGES: ParameterRanges = {"sway_deg": (0.3, 1.0)}
 SWAY_FREQUENCY_RANGES: ParameterRanges = {"sway_hz": (0.1, 0.3)}
 """Frequencies of sway in Hz, up to the rate of quiet breathing."""
 SLOW_SPEED_RANGES: ParameterRanges = {"speed_share": (0.5, 0.9)}
-"""Speeds of slow people, relative to the limits of ``people.motor``."""
+"""Speeds of slow people, relative to the limits of ``people.motor_model``."""
 USUAL_SPEED_RANGES: ParameterRanges = {"speed_share": (0.82, 1.18)}
 
 STYLES: Mapping[str, BehaviourStyle] = {
@@ -150,27 +150,27 @@ STYLES: Mapping[str, BehaviourStyle] = {
 }
 """Behaviour styles by name. "Assistive Gym" is Erickson et al., ICRA 2020."""
 
-ASSUMED_SOURCE = "assumption"
+ASSUMPTION = "assumption"
 PARAMETER_SOURCES: Mapping[str, str] = {
     "reaction_s": "Woods et al. 2015; hesitant, talking, distracted and weak people: assumption",
-    "facing_share": ASSUMED_SOURCE,
-    "approach_share": ASSUMED_SOURCE,
+    "facing_share": ASSUMPTION,
+    "approach_share": ASSUMPTION,
     "pause_s": "assumption; that people pause: Moon et al. 2011",
-    "withdrawal_deg": ASSUMED_SOURCE,
+    "withdrawal_deg": ASSUMPTION,
     "startle_deg": "assumption; that it habituates: Brown et al. 1991",
-    "startle_distance_m": ASSUMED_SOURCE,
-    "startle_duration_s": ASSUMED_SOURCE,
-    "glance_deg": ASSUMED_SOURCE,
-    "random_glance_deg": ASSUMED_SOURCE,
+    "startle_distance_m": ASSUMPTION,
+    "startle_duration_s": ASSUMPTION,
+    "glance_deg": ASSUMPTION,
+    "random_glance_deg": ASSUMPTION,
     "glance_period_s": "talking people: Rogers et al. 2018; distracted people: assumption",
     "glance_share": "talking people: Rogers et al. 2018; distracted people: assumption",
     "chew_deg": "assumption; that the head moves: Häggman-Henrikson and Eriksson 2004",
     "chew_hz": "Po et al. 2011",
     "shift_deg": "Chen et al. 2021",
-    "shift_period_s": ASSUMED_SOURCE,
-    "sway_deg": ASSUMED_SOURCE,
-    "sway_hz": ASSUMED_SOURCE,
-    "speed_share": ASSUMED_SOURCE,
+    "shift_period_s": ASSUMPTION,
+    "sway_deg": ASSUMPTION,
+    "sway_hz": ASSUMPTION,
+    "speed_share": ASSUMPTION,
     "tremor_deg": "Erickson et al. 2020",
     "tremor_hz": "Erickson et al. 2020; fitted people: 4 to 12 Hz, Bhatia et al. 2018",
     "strength_share": "Erickson et al. 2020",
@@ -184,12 +184,12 @@ COMMANDING_STYLE = BehaviourStyle(
     "motion as cooperating; the commands are our assumption",
     delay_ranges=SIMPLE_REACTION_RANGES | {"ready_delay_s": (0.6, 2.5)},
     amplitude_ranges=APPROACH_RANGES | SWAY_AMPLITUDE_RANGES | {"comfortable_speed": (0.5, 1.1)},
-    tempo_ranges=USUAL_SPEED_RANGES | SWAY_FREQUENCY_RANGES | {"wait_per_min": (0.0, 6.0)},
+    tempo_ranges=USUAL_SPEED_RANGES | SWAY_FREQUENCY_RANGES | {"wait_commands_per_min": (0.0, 6.0)},
 )
 """The style of partners that give commands, see ``people.zoo.commanding``. Only its own populations contain it."""
-COMMAND_SOURCES: Mapping[str, str] = {
-    "ready_delay_s": ASSUMED_SOURCE,
-    "comfortable_speed": ASSUMED_SOURCE,
-    "wait_per_min": ASSUMED_SOURCE,
+COMMAND_PARAMETER_SOURCES: Mapping[str, str] = {
+    "ready_delay_s": ASSUMPTION,
+    "comfortable_speed": ASSUMPTION,
+    "wait_commands_per_min": ASSUMPTION,
 }
 """Literature source (or assumption) of the range of each parameter of ``CommandParameters``."""

@@ -8,10 +8,10 @@ import numpy as np
 
 from avrgym.geometry import transforms
 from avrgym.models.robot import Arm, Grip, Robot
-from avrgym.robots.mounts import mounts_on_furniture
-from avrgym.robots.rtb_data import rtb_data_path
+from avrgym.robots.mounts import make_furniture_mounts
+from avrgym.robots.rtb_data import find_rtb_data_path
 
-MESH_FOLDER = rtb_data_path("kinova_description/meshes")
+MESH_FOLDER = find_rtb_data_path("kinova_description/meshes")
 MAX_SHOULDER_HEIGHT_M = 0.33
 """Maximum height of the robot's shoulder above the mount, in metres."""
 BASE_POS_W = (-0.35, -0.30, 0.36)
@@ -36,26 +36,26 @@ def _three_fingers(*bends_rad: tuple[float, float]) -> dict[str, float]:
 GRIPS: Mapping[str, Grip] = {
     "spoon": Grip(
         pos=np.zeros(3),
-        q=transforms.multiply(
+        quat=transforms.multiply(
             transforms.from_matrix([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]),
             transforms.from_axis_angle([1.0, 0.0, 0.0], np.radians(30.0)),
         ),
-        fingers=_three_fingers((1.40, 0.40), (1.05, 0.35), (1.20, 0.30)),
+        finger_joint_positions=_three_fingers((1.40, 0.40), (1.05, 0.35), (1.20, 0.30)),
     ),
     "cup": Grip(
         pos=np.zeros(3),
-        q=transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
-        fingers=_three_fingers((0.54, 0.61), (0.38, 0.78), (0.59, 0.50)),
+        quat=transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
+        finger_joint_positions=_three_fingers((0.54, 0.61), (0.38, 0.78), (0.59, 0.50)),
     ),
     "washcloth": Grip(
         pos=np.zeros(3),
-        q=transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
-        fingers=_three_fingers((1.40, -0.30), (1.30, -0.20), (1.30, -0.20)),
+        quat=transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
+        finger_joint_positions=_three_fingers((1.40, -0.30), (1.30, -0.20), (1.30, -0.20)),
     ),
     "scratcher": Grip(
         pos=np.zeros(3),
-        q=transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
-        fingers=_three_fingers((1.15, 0.30), (1.23, 0.30), (1.23, 0.30)),
+        quat=transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
+        finger_joint_positions=_three_fingers((1.15, 0.30), (1.23, 0.30), (1.23, 0.30)),
     ),
 }
 """Grips by tool: the pose of the tool in the hand, and the finger angles. The gap between fingertips and tool is at
@@ -79,6 +79,6 @@ JACO = Robot(
     base="base",
     torso="base",
     arms={"right": _ARM, "left": _ARM},
-    mounts=mounts_on_furniture(BASE_POS_W, MAX_SHOULDER_HEIGHT_M),
+    mounts=make_furniture_mounts(BASE_POS_W, MAX_SHOULDER_HEIGHT_M),
     grips=GRIPS,
 )

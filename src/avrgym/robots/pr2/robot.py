@@ -9,11 +9,11 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.body_names import Side
-from avrgym.models.robot import SIDES, Arm, BaseRange, CameraMount, Grip, Mount, Robot
+from avrgym.models.robot import ROBOT_ARM_SIDES, Arm, BaseRange, CameraMount, Grip, Mount, Robot
 from avrgym.robots.jaco.robot import JACO
-from avrgym.robots.rtb_data import rtb_data_path
+from avrgym.robots.rtb_data import find_rtb_data_path
 
-MESH_FOLDER = rtb_data_path("pr2_description/meshes")
+MESH_FOLDER = find_rtb_data_path("pr2_description/meshes")
 BASE_POS_M = (-0.85, -0.4, 0.0)
 """Position of the base next to the person, world frame. The robot faces the person's right side (paper's code)."""
 BASE_YAW_RANGE_RAD = (-np.radians(30.0), np.radians(30.0))
@@ -71,23 +71,23 @@ def _parallel_fingers(opening_rad: float) -> dict[str, float]:
 GRIPS: Mapping[str, Grip] = {
     "spoon": Grip(
         pos=np.array([0.0, 0.0, -0.0065]),
-        q=transforms.IDENTITY_QUATERNION,
-        fingers=_parallel_fingers(0.051),
+        quat=transforms.IDENTITY_QUATERNION,
+        finger_joint_positions=_parallel_fingers(0.051),
     ),
     "cup": Grip(
         pos=np.zeros(3),
-        q=transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
-        fingers=_parallel_fingers(0.48),
+        quat=transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+        finger_joint_positions=_parallel_fingers(0.48),
     ),
     "washcloth": Grip(
         pos=np.array([-0.021, 0.0, 0.0]),
-        q=transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
-        fingers=_parallel_fingers(0.075),
+        quat=transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+        finger_joint_positions=_parallel_fingers(0.075),
     ),
     "scratcher": Grip(
         pos=np.array([-0.020, 0.0, 0.0]),
-        q=transforms.IDENTITY_QUATERNION,
-        fingers=_parallel_fingers(0.066),
+        quat=transforms.IDENTITY_QUATERNION,
+        finger_joint_positions=_parallel_fingers(0.066),
     ),
 }
 """Grips by tool: the pose of the tool in the hand, and the finger positions. The gap between fingertips and tool is at
@@ -100,17 +100,17 @@ PR2 = Robot(
     build=build,
     base="base",
     torso="torso_lift_link",
-    arms={side: _arm(side) for side in SIDES},
+    arms={side: _arm(side) for side in ROBOT_ARM_SIDES},
     mounts={
         "wheelchair": Mount(BASE_POS_M, 0.0, BaseRange((-0.5, 0.0), (-0.5, 0.5), BASE_YAW_RANGE_RAD)),
         # With a larger y, the raised backrest blocks the arm.
         "bed": Mount(BASE_POS_M, 0.0, BaseRange((-0.5, 0.0), (-0.5, 0.3), BASE_YAW_RANGE_RAD)),
     },
     grips=GRIPS,
-    half_width_m=0.335,
-    fixed_joints={
+    base_half_width_m=0.335,
+    fixed_joint_positions={
         joint: float(angle)
-        for side in SIDES
+        for side in ROBOT_ARM_SIDES
         for joint, angle in zip(_joints(side), _pose(side, FIXED_ARM_POSE_RAD), strict=True)
     },
     cameras={

@@ -92,7 +92,7 @@ STRETCH = Robot(
         "bed": _mount(-0.72, -0.4, along_m=0.4),
     },
     grips=GRIPS,
-    half_width_m=0.18,
+    base_half_width_m=0.18,
     drive=DRIVE,
     cameras={
         # The colour camera of the RealSense D435i at the head's pose in stretch.xml. It is mounted on its side: its 69°

@@ -8,9 +8,9 @@ import numpy as np
 
 from avrgym.geometry import transforms
 from avrgym.models.body_names import Side
-from avrgym.models.robot import SIDES, Arm, Robot, arm_with_servo_gains
-from avrgym.robots.mounts import STAND_BODY, STAND_HALF_WIDTH_M, add_stand, mount_next_to_person
-from avrgym.robots.parallel_gripper import parallel_grips
+from avrgym.models.robot import ROBOT_ARM_SIDES, Arm, Robot, make_arm_with_servo_gains
+from avrgym.robots.mounts import STAND_BODY, STAND_HALF_WIDTH_M, add_stand, make_stand_mount
+from avrgym.robots.parallel_gripper import make_parallel_grips
 from avrgym.robots.rtb_data import add_meshes
 
 MESH_FOLDER = "ur_description/meshes/ur5/visual"
@@ -43,7 +43,7 @@ SEED_POSE_DEG: Mapping[Side, tuple[float, ...]] = {
 
 
 def _arm(side: Side) -> Arm:
-    return arm_with_servo_gains(
+    return make_arm_with_servo_gains(
         build, ROBOT_ARM_JOINTS, "hand", np.radians(SEED_POSE_DEG[side]),
         speed_limit=np.radians(SPEED_LIMITS_DEG_S), effort_limit=TORQUE_LIMITS_N_M,
     )  # fmt: skip
@@ -62,9 +62,9 @@ UR5 = Robot(
     build=build,
     base=STAND_BODY,
     torso=STAND_BODY,
-    arms={side: _arm(side) for side in SIDES},
-    mounts={"wheelchair": mount_next_to_person(-0.78, -0.65), "bed": mount_next_to_person(-0.7, -0.65)},
-    grips=parallel_grips(
+    arms={side: _arm(side) for side in ROBOT_ARM_SIDES},
+    mounts={"wheelchair": make_stand_mount(-0.78, -0.65), "bed": make_stand_mount(-0.7, -0.65)},
+    grips=make_parallel_grips(
         GRIP_POINT_M,
         FINGERTIP_LENGTH_M,
         transforms.IDENTITY_QUATERNION,
@@ -73,5 +73,5 @@ UR5 = Robot(
         scratcher=_fingers(0.0056),
         washcloth=_fingers(0.0098),
     ),
-    half_width_m=STAND_HALF_WIDTH_M,
+    base_half_width_m=STAND_HALF_WIDTH_M,
 )

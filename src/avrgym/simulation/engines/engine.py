@@ -8,9 +8,9 @@ from mujoco.batch import Batch
 
 from avrgym.array_types import IntArray
 from avrgym.models.drive import DRIVE_JOINTS
-from avrgym.models.robot import PREFIX
-from avrgym.system.engines import ENGINE_CHOICES, THREADS, WARP
-from avrgym.system.memory import available_memory_bytes
+from avrgym.models.robot import ROBOT_NAME_PREFIX
+from avrgym.system.engine_names import ENGINE_CHOICES, THREADS, WARP
+from avrgym.system.memory import get_available_memory_bytes
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def make_engine(
         return ThreadsEngine(model, num_worlds, num_threads)
     if model.nflex:
         raise ValueError(f"engine {name!r} does not simulate cloth; allowed: {THREADS}")
-    if PREFIX + DRIVE_JOINTS[0] in [model.joint(joint).name for joint in range(model.njnt)]:
+    if ROBOT_NAME_PREFIX + DRIVE_JOINTS[0] in [model.joint(joint).name for joint in range(model.njnt)]:
         raise ValueError(f"engine {name!r} does not simulate robots that drive; allowed: {THREADS}")
     from avrgym.simulation.engines.warp import WarpEngine
 
@@ -164,4 +164,4 @@ def check_memory(num_worlds: int, bytes_per_world: int, free_bytes: int | None, 
 
 def check_host_memory(num_worlds: int, model: mujoco.MjModel) -> None:
     """Raises ``ValueError`` for more worlds than the host's memory allows; see ``check_memory``."""
-    check_memory(num_worlds, int(mujoco.MjData(model).nbuffer), available_memory_bytes(), "this computer")
+    check_memory(num_worlds, int(mujoco.MjData(model).nbuffer), get_available_memory_bytes(), "this computer")

@@ -7,7 +7,7 @@ from mujoco.batch import Batch
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.simulation.engines.batch import ForkSafeBatch
 from avrgym.simulation.engines.engine import WorldArrays, check_host_memory
-from avrgym.system.engines import THREADS
+from avrgym.system.engine_names import THREADS
 
 
 class ThreadsEngine:

@@ -25,8 +25,8 @@ from avrgym.simulation.engines.engine import (
     check_host_memory,
     check_memory,
 )
-from avrgym.system.engines import WARP
-from avrgym.system.memory import available_memory_bytes
+from avrgym.system.engine_names import WARP
+from avrgym.system.memory import get_available_memory_bytes
 
 CONTACTS_PER_WORLD, CONTACTS_PER_PARTICLE = 96, 8
 """Number of contacts for which a world has memory, and number of additional contacts per particle. Both are about twice
@@ -215,7 +215,7 @@ class WarpEngine:
         return sum(int(part.capacity) for part in parts if isinstance(part, self._warp.array))
 
     def _free_bytes(self) -> int | None:
-        return int(self._device.free_memory) if self._device.is_cuda else available_memory_bytes()
+        return int(self._device.free_memory) if self._device.is_cuda else get_available_memory_bytes()
 
     @property
     def _place(self) -> str:

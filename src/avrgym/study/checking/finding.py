@@ -19,7 +19,7 @@ class ExcludedTrialFinding(Finding):
     """The finding that a trial is excluded from the analysis because of tracking loss."""
 
 
-def excluded_trial_finding(participant: str, position: int, why: str) -> ExcludedTrialFinding:
+def make_excluded_trial_finding(participant: str, position: int, why: str) -> ExcludedTrialFinding:
     """Returns the finding that a trial is excluded.
 
     ``position``: number of the trial, from 1. ``why``: reason as text.

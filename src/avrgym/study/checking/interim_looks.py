@@ -6,23 +6,23 @@ from collections import defaultdict
 from collections.abc import Iterator
 
 from avrgym.study.checking.finding import Finding
-from avrgym.study.storage.audit_log import describe_log_person, site_names
-from avrgym.study.storage.rows import AuditLogEntry
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.audit_log import describe_log_person, read_site_names
+from avrgym.study.storage.database_rows import AuditLogEntry
+from avrgym.study.storage.store import StudyStore
 
 RESULTS_LOCATION = "results"
 """The value of ``Finding.where`` for interim looks."""
 
 
-def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
+def check_interim_looks(store: StudyStore, planned: int = 0) -> Iterator[Finding]:
     """Yields findings about interim looks: views of results before all planned participants completed the study.
 
     One finding contains all views of one person at the same number of completed participants. The planned number of
     participants is the maximum of ``planned`` and the design's number at the time of the view.
     """
-    sites = site_names(store)
+    sites = read_site_names(store)
     looks = defaultdict[tuple[str, int, int], list[AuditLogEntry]](list)
-    for entry in store.audit_log():
+    for entry in store.read_audit_log():
         if is_interim_look(entry, planned):
             most = max(planned, entry.planned or 0)
             looks[describe_log_person(entry, sites), entry.completed or 0, most].append(entry)

@@ -5,14 +5,14 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
-from avrgym.policies.registry import used_controller_plugin
+from avrgym.policies.registry import find_used_controller_plugin
 from avrgym.recording.configuration import TrialConfiguration
 from avrgym.recording.reader import RecordingError, read_header
 from avrgym.study.checking.finding import Finding
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from avrgym.system.used_plugins import UsedPlugin
-from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
+from avrgym.tasks.registry import ENVIRONMENTS, find_plugins
 
 
 @dataclass(frozen=True)
@@ -29,22 +29,22 @@ class RecordedPlugin:
     installed_version: str
     participant: str
     trial_position: int
-    simulated: bool
+    is_simulated: bool
 
 
-def check_plugins(store: Store) -> Iterator[Finding]:
+def check_plugins(store: StudyStore) -> Iterator[Finding]:
     """Yields findings about plug-ins that differ between completed trials, or from the installed plug-ins."""
-    return plugin_findings(_recorded(store))
+    return compare_recorded_plugins(_recorded(store))
 
 
-def plugin_findings(recorded: Iterable[RecordedPlugin]) -> Iterator[Finding]:
+def compare_recorded_plugins(recorded: Iterable[RecordedPlugin]) -> Iterator[Finding]:
     """Yields findings about plug-ins that differ between trials, or from the installed plug-ins.
 
     Trials of people and of simulated participants are compared separately.
     """
     groups = defaultdict[tuple[str, bool], list[RecordedPlugin]](list)
     for each in recorded:
-        groups[each.plugin_label, each.simulated].append(each)
+        groups[each.plugin_label, each.is_simulated].append(each)
     for (label, _), trials in groups.items():
         yield from _findings_of_plugin(label, trials)
 
@@ -74,7 +74,7 @@ def _trials_text(trials: Iterable[RecordedPlugin]) -> str:
     )
 
 
-def recorded_plugins(
+def list_recorded_plugins(
     configuration: TrialConfiguration, participant: str, position: int, *, simulated: bool
 ) -> Iterator[RecordedPlugin]:
     """Yields the plug-ins in the recorded configuration of a trial."""
@@ -87,20 +87,20 @@ def recorded_plugins(
 def _present(configuration: TrialConfiguration) -> dict[str, UsedPlugin]:
     """Returns the installed plug-ins for the trial's environment and policy, by label."""
     environment = configuration.environment
-    found = list(plugins_of(environment)) if environment in ENVIRONMENTS else []
-    controller = used_controller_plugin(configuration.policy)
+    found = list(find_plugins(environment)) if environment in ENVIRONMENTS else []
+    controller = find_used_controller_plugin(configuration.policy)
     return {each.label: each for each in [*found, *([controller] if controller else [])]}
 
 
-def _recorded(store: Store) -> Iterator[RecordedPlugin]:
+def _recorded(store: StudyStore) -> Iterator[RecordedPlugin]:
     """Yields the plug-ins of all completed trials with a readable recording."""
-    for participant in store.participants():
-        positions = {trial.id: trial.position for trial in store.trials(participant.pseudonym)}
-        for attempt in store.attempts(participant.pseudonym):
+    for participant in store.read_participants():
+        positions = {trial.id: trial.position for trial in store.read_trials(participant.pseudonym)}
+        for attempt in store.read_attempts(participant.pseudonym):
             if attempt.state == "completed" and attempt.trial in positions:
                 with suppress(OSError, RecordingError, StudyError):  # another check reports it
-                    yield from recorded_plugins(
-                        read_header(store.absolute_path(attempt.recording)).configuration,
+                    yield from list_recorded_plugins(
+                        read_header(store.resolve_path(attempt.recording)).configuration,
                         participant.pseudonym,
                         positions[attempt.trial],
                         simulated=participant.simulated,

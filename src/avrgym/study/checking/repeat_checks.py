@@ -12,15 +12,15 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.study.checking.finding import Finding
-from avrgym.study.checking.repeats import AttemptedTrial, attempted_trials
+from avrgym.study.checking.repeats import AttemptedTrial, list_attempted_trials
 from avrgym.study.design.design import Design
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 
 BlockCounts = tuple[int, int, int]
 """Numbers of units (for example trials) in a block: all units, units in the group, and selected units."""
 
 
-def selection_p_value(blocks: Iterable[BlockCounts], selected_in_group: int) -> float:
+def compute_selection_p_value(blocks: Iterable[BlockCounts], selected_in_group: int) -> float:
     """Returns the exact two-sided p-value of ``selected_in_group``, the number of selected units in a group.
 
     Under the null hypothesis, all units of a block are equally likely to be selected. The number is then a sum of
@@ -50,16 +50,18 @@ POLICY_ALPHA, CONDITION_ALPHA, OUTCOME_ALPHA = 0.005, 0.0025, 0.0025
 """Significance levels of the tests for policy, condition (robot and policy) and outcome."""
 
 
-def check_repeats(store: Store, limit: int | None = None) -> Iterator[Finding]:
+def check_repeats(store: StudyStore, limit: int | None = None) -> Iterator[Finding]:
     """Yields findings about repeats of people's trials, or of simulated participants' trials in a study without people.
 
     ``limit`` replaces the design's ``max_repeats``.
     """
     limit = store.design.max_repeats if limit is None else limit
-    yield from repeat_findings(trials_in_repeat_tests(store), store.design, limit)
+    yield from check_trial_repeats(list_trials_in_repeat_tests(store), store.design, limit)
 
 
-def repeat_findings(trials: Sequence[AttemptedTrial], design: Design, limit: int | None) -> Iterator[Finding]:
+def check_trial_repeats(
+    trials: Sequence[AttemptedTrial], design: Design, limit: int | None
+) -> Iterator[Finding]:
     """Yields findings about the repeats of these trials. ``limit``: maximum number of repeats of a trial."""
     if limit is not None:
         yield from _too_many(trials, limit)
@@ -67,25 +69,27 @@ def repeat_findings(trials: Sequence[AttemptedTrial], design: Design, limit: int
     yield from _by_outcome(trials, design.trial_steps)
 
 
-def trials_in_repeat_tests(store: Store) -> list[AttemptedTrial]:
+def list_trials_in_repeat_tests(store: StudyStore) -> list[AttemptedTrial]:
     """Returns the trials of people. In a study without people, returns the trials of simulated participants."""
     simulated = is_simulated_study(store)
-    return [each for each in attempted_trials(store) if each.participant.simulated is simulated]
+    return [each for each in list_attempted_trials(store) if each.participant.simulated is simulated]
 
 
-def is_simulated_study(store: Store) -> bool:
+def is_simulated_study(store: StudyStore) -> bool:
     """Returns whether a study has no real participants."""
-    return all(each.simulated for each in [*store.participants(), *store.deleted_participants()])
+    return all(each.simulated for each in [*store.read_participants(), *store.read_deleted_participants()])
 
 
 def _too_many(trials: Sequence[AttemptedTrial], limit: int) -> Iterator[Finding]:
-    over = [each for each in trials if each.requested_repeats > limit]
+    over = [each for each in trials if each.requested_repeat_count > limit]
     if not over:
         return
     listed = ", ".join(
-        f"{each.participant} trial {each.trial.position} ({each.requested_repeats})" for each in over
+        f"{each.participant} trial {each.trial.position} ({each.requested_repeat_count})" for each in over
     )
-    people = Counter(repeat.requested_by for each in over for repeat in each.repeats if repeat.is_requested)
+    people = Counter(
+        repeat.requested_by for each in over for repeat in each.replaced_attempts if repeat.is_requested
+    )
     by = ", ".join(f"{person} ({number})" for person, number in people.items())
     yield _finding(
         f"{_trials(len(over))} repeated more often than max_repeats = {limit} allows: {listed}; requested by {by}"
@@ -99,7 +103,7 @@ def _by_condition(trials: Sequence[AttemptedTrial], design: Design) -> Iterator[
     """
 
     def policy(each: AttemptedTrial) -> str:
-        return design.displayed_policy(each.trial.policy, practice=False)
+        return design.choose_displayed_policy(each.trial.policy, practice=False)
 
     found = list(_unequal("policy", trials, policy, POLICY_ALPHA))
     if len(design.robots) > 1 and not found:
@@ -126,8 +130,10 @@ def _unequal(
 
 
 def _count(group: str, own: Sequence[AttemptedTrial]) -> str:
-    extra, repeated = sum(each.requested_repeats for each in own), sum(map(_is_repeated, own))
-    succeeded = sum(bool(repeat.success) for each in own for repeat in each.repeats if repeat.is_requested)
+    extra, repeated = sum(each.requested_repeat_count for each in own), sum(map(_is_repeated, own))
+    succeeded = sum(
+        bool(repeat.success) for each in own for repeat in each.replaced_attempts if repeat.is_requested
+    )
     outcomes = f" ({succeeded} of the replaced attempts had succeeded)" if extra else ""
     return f"{group} {extra} extra attempts in {repeated} of {len(own)} trials{outcomes}"
 
@@ -160,7 +166,7 @@ def _p(
     for each in trials:
         blocks[each.participant.number, each.trial.task].append(each)
     sizes = [(len(own), sum(map(in_group, own)), sum(map(drawn, own))) for own in blocks.values()]
-    return selection_p_value(sizes, sum(in_group(each) and drawn(each) for each in trials))
+    return compute_selection_p_value(sizes, sum(in_group(each) and drawn(each) for each in trials))
 
 
 def _in(group_of: Callable[[AttemptedTrial], str], group: str) -> Callable[[AttemptedTrial], bool]:
@@ -168,7 +174,7 @@ def _in(group_of: Callable[[AttemptedTrial], str], group: str) -> Callable[[Atte
 
 
 def _is_repeated(each: AttemptedTrial) -> bool:
-    return each.requested_repeats > 0
+    return each.requested_repeat_count > 0
 
 
 def _failed(each: AttemptedTrial) -> bool:
@@ -176,7 +182,7 @@ def _failed(each: AttemptedTrial) -> bool:
 
 
 def _is_first_repeated(each: AttemptedTrial) -> bool:
-    return bool(each.repeats) and each.repeats[0].is_requested
+    return bool(each.replaced_attempts) and each.replaced_attempts[0].is_requested
 
 
 def _trials(number: int) -> str:

@@ -5,31 +5,36 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from avrgym.study.storage.audit_log import describe_log_person, site_names
-from avrgym.study.storage.rows import AuditLogEntry, Participant, StudyEvent, Trial, TrialAttempt
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.audit_log import describe_log_person, read_site_names
+from avrgym.study.storage.database_rows import AuditLogEntry, Participant, StudyEvent, Trial, TrialAttempt
+from avrgym.study.storage.store import StudyStore
 
-TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN = "technical", "participant", "experimenter", "unknown"
-REPEAT_REASONS = (TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN)
+TECHNICAL_REASON, PARTICIPANT_REASON, EXPERIMENTER_REASON, UNKNOWN_REASON = (
+    "technical",
+    "participant",
+    "experimenter",
+    "unknown",
+)
+REPEAT_REASONS = (TECHNICAL_REASON, PARTICIPANT_REASON, EXPERIMENTER_REASON, UNKNOWN_REASON)
 """Reasons of repeats: technical fault, participant, experimenter, or unknown."""
-UNKNOWN_EXPERIMENTER = "not in the log"
+UNKNOWN_EXPERIMENTER_NAME = "not in the log"
 """Used instead of the experimenter's name if no log entry matches."""
 RepeatCause = tuple[str, str]
 """A reason of a repeat (one of ``REPEAT_REASONS``), and the cause as text."""
 
 CAUSE_BY_ATTEMPT_STATE: Mapping[str, RepeatCause] = {
-    "repeated": (EXPERIMENTER, "repeated"),
-    "skipped": (EXPERIMENTER, "skipped"),
-    "paused": (EXPERIMENTER, "paused"),
-    "ended": (EXPERIMENTER, "session ended"),
-    "failed": (TECHNICAL, "recording failed"),
+    "repeated": (EXPERIMENTER_REASON, "repeated"),
+    "skipped": (EXPERIMENTER_REASON, "skipped"),
+    "paused": (EXPERIMENTER_REASON, "paused"),
+    "ended": (EXPERIMENTER_REASON, "session ended"),
+    "failed": (TECHNICAL_REASON, "recording failed"),
 }
 CAUSE_BY_EVENT: Mapping[str, RepeatCause] = {
-    "tracking timed out": (TECHNICAL, "tracking lost"),
-    "visibility lost": (TECHNICAL, "scene not visible"),
-    "time lost": (TECHNICAL, "computer was suspended"),
-    "connection lost": (TECHNICAL, "network"),
-    "torso height corrected": (EXPERIMENTER, "torso height corrected"),
+    "tracking timed out": (TECHNICAL_REASON, "tracking lost"),
+    "visibility lost": (TECHNICAL_REASON, "scene not visible"),
+    "time lost": (TECHNICAL_REASON, "computer was suspended"),
+    "connection lost": (TECHNICAL_REASON, "network"),
+    "torso height corrected": (EXPERIMENTER_REASON, "torso height corrected"),
 }
 COMMANDS_BY_ATTEMPT_STATE = {
     "repeated": ("repeat",),
@@ -47,21 +52,21 @@ _ENDED = re.compile(r"attempt (?!running)")
 class ReplacedAttempt:
     """An attempt that a later attempt replaced.
 
-    ``reason``: one of ``REPEAT_REASONS``. ``cause``: the cause as text. ``requested_by``: name of the experimenter that
-    requested the repeat (``UNKNOWN_EXPERIMENTER`` if unknown); empty for other reasons.
+    ``repeat_reason``: one of ``REPEAT_REASONS``. ``cause_text``: the cause as text. ``requested_by``: name of the
+    experimenter that requested the repeat (``UNKNOWN_EXPERIMENTER_NAME`` if unknown); empty for other reasons.
     """
 
     participant: Participant
     trial: Trial
     attempt: TrialAttempt
-    reason: str
-    cause: str
+    repeat_reason: str
+    cause_text: str
     requested_by: str
 
     @property
     def is_requested(self) -> bool:
-        """Whether the reason is ``EXPERIMENTER``: an experimenter requested the repeat."""
-        return self.reason == EXPERIMENTER
+        """Whether the reason is ``EXPERIMENTER_REASON``: an experimenter requested the repeat."""
+        return self.repeat_reason == EXPERIMENTER_REASON
 
     @property
     def success(self) -> bool | None:
@@ -76,29 +81,29 @@ class AttemptedTrial:
     participant: Participant
     trial: Trial
     attempts: Sequence[TrialAttempt]
-    repeats: Sequence[ReplacedAttempt]
+    replaced_attempts: Sequence[ReplacedAttempt]
 
     @property
-    def requested_repeats(self) -> int:
+    def requested_repeat_count(self) -> int:
         """Number of repeats that an experimenter requested."""
-        return sum(repeat.is_requested for repeat in self.repeats)
+        return sum(repeat.is_requested for repeat in self.replaced_attempts)
 
 
-def attempted_trials(store: Store) -> list[AttemptedTrial]:
+def list_attempted_trials(store: StudyStore) -> list[AttemptedTrial]:
     """Returns all trials with an attempt, except practice trials, ordered by participant and position."""
     causes = _Causes(store)
     return [
         AttemptedTrial(person, trial, own, [causes.repeat(person, trial, attempt) for attempt in own[:-1]])
-        for person in store.participants()
+        for person in store.read_participants()
         for trial, own in _attempts(store, person)
     ]
 
 
-def _attempts(store: Store, person: Participant) -> Iterator[tuple[Trial, list[TrialAttempt]]]:
+def _attempts(store: StudyStore, person: Participant) -> Iterator[tuple[Trial, list[TrialAttempt]]]:
     attempts = defaultdict[int, list[TrialAttempt]](list)
-    for attempt in store.attempts(person.pseudonym):
+    for attempt in store.read_attempts(person.pseudonym):
         attempts[attempt.trial].append(attempt)
-    for trial in store.trials(person.pseudonym):
+    for trial in store.read_trials(person.pseudonym):
         if not trial.practice and trial.id in attempts:
             yield trial, sorted(attempts[trial.id], key=lambda attempt: attempt.number)
 
@@ -106,30 +111,32 @@ def _attempts(store: Store, person: Participant) -> Iterator[tuple[Trial, list[T
 class _Causes:
     """Find the cause of an attempt's end in the events next to it, and the person in the log."""
 
-    def __init__(self, store: Store) -> None:
-        self._sites = site_names(store)
+    def __init__(self, store: StudyStore) -> None:
+        self._sites = read_site_names(store)
         self._log = defaultdict[int | None, list[AuditLogEntry]](list)
-        for entry in store.audit_log():
+        for entry in store.read_audit_log():
             self._log[entry.participant].append(entry)
         self._events = defaultdict[int | None, list[StudyEvent]](list)
         self._ends: dict[int, int] = {}
-        for event in store.events():
+        for event in store.read_events():
             own = self._events[event.session]
             if event.attempt is not None and _ENDED.match(event.name):
                 self._ends[event.attempt] = len(own)
             own.append(event)
         self._interrupted = {
             session.id
-            for person in store.participants()
-            for session in store.sessions(person.pseudonym)
+            for person in store.read_participants()
+            for session in store.read_sessions(person.pseudonym)
             if session.state == "interrupted"
         }
 
     def repeat(self, person: Participant, trial: Trial, attempt: TrialAttempt) -> ReplacedAttempt:
         entry = self._command(person, attempt)
         reason, cause = self._cause(attempt, entry)
-        by = describe_log_person(entry, self._sites) if entry is not None else UNKNOWN_EXPERIMENTER
-        return ReplacedAttempt(person, trial, attempt, reason, cause, by if reason == EXPERIMENTER else "")
+        by = describe_log_person(entry, self._sites) if entry is not None else UNKNOWN_EXPERIMENTER_NAME
+        return ReplacedAttempt(
+            person, trial, attempt, reason, cause, by if reason == EXPERIMENTER_REASON else ""
+        )
 
     def _command(self, person: Participant, attempt: TrialAttempt) -> AuditLogEntry | None:
         """Returns the last command in the log that can have ended the attempt; ``None`` if there is none."""
@@ -149,26 +156,28 @@ class _Causes:
         if attempt.state == "stopped":
             stop = next((event for event in after if event.name == "stopped"), None)
             if stop is None:
-                return UNKNOWN, "stopped"
-            return (EXPERIMENTER if stop.detail.startswith("by experimenter") else PARTICIPANT), "stopped"
+                return UNKNOWN_REASON, "stopped"
+            return (
+                EXPERIMENTER_REASON if stop.detail.startswith("by experimenter") else PARTICIPANT_REASON
+            ), "stopped"
         cause = next((event for event in [*after, *before] if event.name in CAUSE_BY_EVENT), None)
         if cause is not None:
             return CAUSE_BY_EVENT[cause.name]
         if entry is not None:
-            return EXPERIMENTER, "measured again"
+            return EXPERIMENTER_REASON, "measured again"
         return self._without_event(attempt, after)
 
     def _without_event(self, attempt: TrialAttempt, after: Sequence[StudyEvent]) -> RepeatCause:
         """Returns the cause of an interruption that no event explains, from the events after it."""
         details = [event.detail for event in after if event.name == "phase entered"]
         if any("phase waiting" in detail for detail in details):
-            return PARTICIPANT, "left VR"
+            return PARTICIPANT_REASON, "left VR"
         if any("phase calibration" in detail for detail in details):
-            return UNKNOWN, "measured again"
+            return UNKNOWN_REASON, "measured again"
         closed = any(event.name in ("session closed", "session interrupted") for event in after)
         if closed or attempt.session in self._interrupted:
-            return TECHNICAL, "restart"
-        return UNKNOWN, "interrupted"
+            return TECHNICAL_REASON, "restart"
+        return UNKNOWN_REASON, "interrupted"
 
     def _next_to_end(self, attempt: TrialAttempt) -> tuple[list[StudyEvent], list[StudyEvent]]:
         """Returns the events next to the end of an attempt: its last event, and the events until the next phase.

@@ -4,10 +4,10 @@ from avrgym.models.body_names import TRACKED_BODY_PART_LABELS, TRACKED_BODY_PART
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import TrackingFrame
 from avrgym.study.design.design import Design
-from avrgym.vr.tracking.freshness import STALE_POSE_AGE_S
+from avrgym.vr.tracking.pose_freshness import STALE_POSE_AGE_S
 
 
-def tracking_loss_share(recording: Recording, part: TrackedBodyPart | None = None) -> float | None:
+def compute_tracking_loss_fraction(recording: Recording, part: TrackedBodyPart | None = None) -> float | None:
     """Returns the share (0 to 1) of the robot's assistance time without tracking; ``None`` without assistance.
 
     A frame is valid until the next frame, for at most ``STALE_POSE_AGE_S``. A frame is lost if the whole frame, or one
@@ -31,11 +31,11 @@ def describe_excess_tracking_loss(recording: Recording, design: Design) -> str |
 
     Returns ``None`` if the trial is not excluded.
     """
-    share = tracking_loss_share(recording)
+    share = compute_tracking_loss_fraction(recording)
     if share is None or share <= design.max_held_share:
         return None
     parts = {
-        TRACKED_BODY_PART_LABELS[part]: tracking_loss_share(recording, part) or 0.0
+        TRACKED_BODY_PART_LABELS[part]: compute_tracking_loss_fraction(recording, part) or 0.0
         for part in TRACKED_BODY_PARTS
     }
     by_part = ", ".join(f"{words} {100 * part:.1f} %" for words, part in parts.items())

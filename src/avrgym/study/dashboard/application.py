@@ -13,40 +13,50 @@ from fastapi import Depends, FastAPI, HTTPException, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 from avrgym.commands.preferences import DEFAULT_PREFERENCES, change_preferences
-from avrgym.commands.respondents import PARTICIPANT
+from avrgym.commands.respondents import PARTICIPANT_RESPONDENT
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Sex
-from avrgym.policies.trained import PolicyError
+from avrgym.policies.trained_policies import PolicyError
 from avrgym.recording.input_profile import InputProfile
-from avrgym.study.dashboard.caregiver import caregiver_app
+from avrgym.study.dashboard.caregiver_application import make_caregiver_app
+from avrgym.study.dashboard.displayed_data import (
+    make_displayed_participant,
+    make_displayed_results,
+    make_session_access,
+    make_study_overview,
+)
 from avrgym.study.dashboard.request_log import VIEW_RESULTS_ACTION, DashboardLog
-from avrgym.study.dashboard.views import participant_view, results_view, session_access, study_overview
 from avrgym.study.people.adverse_events import AdverseEventDetails, record_adverse_event
-from avrgym.study.people.furniture import furniture_of, record_furniture
+from avrgym.study.people.furniture import read_own_furniture, record_own_furniture
 from avrgym.study.people.identities import PossibleDuplicateError
-from avrgym.study.people.input_profiles import parse_profile, set_input_profile
+from avrgym.study.people.input_profiles import make_input_profile, set_input_profile
+from avrgym.study.people.participant_respondents import set_respondent
 from avrgym.study.people.participants import (
     add_note,
     decline_consent,
     edit_note,
     enrol_participant,
     record_consent,
-    record_inclusion,
+    record_inclusion_answers,
     set_identity,
-    withdraw,
+    withdraw_participant,
 )
-from avrgym.study.people.preferences import preferences_of, record_preferences
-from avrgym.study.people.proxies import set_respondent
+from avrgym.study.people.preferences import read_latest_preferences, record_preferences
 from avrgym.study.storage.free_text import MAX_LINE_LENGTH, MAX_NOTE_LENGTH
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from avrgym.vr.server.authentication import AuthenticatedClient, Tokens
-from avrgym.vr.server.request_body import EmptyRequest, decode_json_body, json_response, make_error_handler
+from avrgym.vr.server.request_body import (
+    EmptyRequest,
+    decode_json_body,
+    make_error_handler,
+    make_json_response,
+)
 from avrgym.vr.server.session_links import SessionLinks
 
-MAX_BODY_BYTES = 1 << 16
+MAX_REQUEST_BODY_BYTES = 1 << 16
 
-LineText = Annotated[str, msgspec.Meta(max_length=MAX_LINE_LENGTH)]
+SingleLineText = Annotated[str, msgspec.Meta(max_length=MAX_LINE_LENGTH)]
 NoteText = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NOTE_LENGTH)]
 
 
@@ -54,7 +64,7 @@ class LiveSessions(Protocol):
     """The live sessions of this server. At most one session is running."""
 
     @property
-    def participant(self) -> str | None:
+    def running_participant(self) -> str | None:
         """Pseudonym of the running session's participant; ``None`` without a session."""
         ...
 
@@ -63,16 +73,16 @@ class LiveSessions(Protocol):
         """The real seat and bed for the next session."""
         ...
 
-    def begin(self, pseudonym: str, furniture: RealFurniture | None = None) -> None:
+    def begin_session(self, pseudonym: str, furniture: RealFurniture | None = None) -> None:
         """Start a participant's session. Raises ``StudyError`` or ``PolicyError`` if it cannot start."""
         ...
 
-    def withdraw(self, pseudonym: str, reason: str) -> None:
+    def withdraw_participant(self, pseudonym: str, reason: str) -> None:
         """Stop the robot and the recording of the running session. Then store the withdrawal and its reason."""
         ...
 
     @property
-    def links(self) -> SessionLinks:
+    def participant_links(self) -> SessionLinks:
         """The session links. Only the link of the running session is valid."""
         ...
 
@@ -82,15 +92,15 @@ class LiveSessions(Protocol):
         ...
 
     @property
-    def caregiver_session(self) -> int | None:
+    def caregiver_session_id(self) -> int | None:
         """The id of the session that the caregiver's link opens; ``None`` before the first session of this server."""
         ...
 
-    def change_input(self, pseudonym: str, profile: InputProfile) -> None:
+    def change_input_profile(self, pseudonym: str, profile: InputProfile) -> None:
         """Change and store the input profile of the running session's participant."""
         ...
 
-    def renew_link(self, pseudonym: str) -> None:
+    def renew_session_link(self, pseudonym: str) -> None:
         """Create a new link for the participant's running session. The earlier link becomes invalid."""
         ...
 
@@ -99,18 +109,18 @@ class LiveSessions(Protocol):
 class Dashboard:
     """The study that a dashboard displays.
 
-    ``live_sessions``: the live sessions of this server; ``None`` if it runs none. ``experimenter``: name of the
+    ``live_sessions``: the live sessions of this server; ``None`` if it runs none. ``experimenter_name``: name of the
     experimenter.
     """
 
-    store: Store
+    store: StudyStore
     live_sessions: LiveSessions | None
-    experimenter: str = ""
+    experimenter_name: str = ""
 
     @property
     def running_participant(self) -> str | None:
         """Pseudonym of the running session's participant; ``None`` without a session."""
-        return self.live_sessions.participant if self.live_sessions else None
+        return self.live_sessions.running_participant if self.live_sessions else None
 
     @property
     def furniture(self) -> RealFurniture:
@@ -127,9 +137,9 @@ class EnrolmentRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     sex: Sex
     age_years: int | None = None
-    language: LineText = ""
-    name: LineText = ""
-    contact: LineText = ""
+    language: SingleLineText = ""
+    name: SingleLineText = ""
+    contact: SingleLineText = ""
     confirm_duplicate: bool = False
     input: dict[str, Any] | None = None
 
@@ -140,8 +150,8 @@ class IdentityRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ``confirm_duplicate``: store them although another participant has the same name or contact.
     """
 
-    name: LineText
-    contact: LineText
+    name: SingleLineText
+    contact: SingleLineText
     confirm_duplicate: bool = False
 
 
@@ -152,7 +162,7 @@ class ConsentRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     version: str
-    role: str = PARTICIPANT
+    role: str = PARTICIPANT_RESPONDENT
 
 
 class InclusionRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -176,13 +186,13 @@ class RespondentRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 class PreferencesRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to change preferences for the robot. ``changes``: texts ``name=value``, see ``change_preferences``."""
 
-    changes: list[LineText]
+    changes: list[SingleLineText]
 
 
 class WithdrawalRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to withdraw a participant and stop a running session. The reason may be empty."""
 
-    reason: LineText = ""
+    reason: SingleLineText = ""
 
 
 class NoteRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -224,7 +234,7 @@ def _enrol(dashboard: Dashboard, new: EnrolmentRequest) -> dict[str, str]:
         name=new.name,
         contact=new.contact,
         confirm_duplicate=new.confirm_duplicate,
-        input_profile=None if new.input is None else parse_profile(new.input),
+        input_profile=None if new.input is None else make_input_profile(new.input),
     )
     return {"participant": pseudonym}
 
@@ -259,13 +269,13 @@ def _check_version(dashboard: Dashboard, agreement: ConsentRequest) -> None:
 
 
 def _include(dashboard: Dashboard, pseudonym: str, inclusion: InclusionRequest) -> None:
-    record_inclusion(dashboard.store, pseudonym, inclusion.answers)
+    record_inclusion_answers(dashboard.store, pseudonym, inclusion.answers)
 
 
 def _change_input(dashboard: Dashboard, pseudonym: str, new: InputProfileRequest) -> None:
-    profile = parse_profile(new.profile)
-    if dashboard.live_sessions is not None and dashboard.live_sessions.participant == pseudonym:
-        dashboard.live_sessions.change_input(pseudonym, profile)
+    profile = make_input_profile(new.profile)
+    if dashboard.live_sessions is not None and dashboard.live_sessions.running_participant == pseudonym:
+        dashboard.live_sessions.change_input_profile(pseudonym, profile)
     else:
         set_input_profile(dashboard.store, pseudonym, profile)
 
@@ -275,7 +285,7 @@ def _change_respondent(dashboard: Dashboard, pseudonym: str, new: RespondentRequ
 
 
 def _change_preferences(dashboard: Dashboard, pseudonym: str, new: PreferencesRequest) -> None:
-    before = preferences_of(dashboard.store, pseudonym) or DEFAULT_PREFERENCES
+    before = read_latest_preferences(dashboard.store, pseudonym) or DEFAULT_PREFERENCES
     try:
         preferences = change_preferences(before, new.changes)
     except ValueError as error:
@@ -284,15 +294,15 @@ def _change_preferences(dashboard: Dashboard, pseudonym: str, new: PreferencesRe
 
 
 def _withdraw(dashboard: Dashboard, pseudonym: str, withdrawal: WithdrawalRequest) -> None:
-    if dashboard.live_sessions is not None and dashboard.live_sessions.participant == pseudonym:
-        dashboard.live_sessions.withdraw(pseudonym, withdrawal.reason)
+    if dashboard.live_sessions is not None and dashboard.live_sessions.running_participant == pseudonym:
+        dashboard.live_sessions.withdraw_participant(pseudonym, withdrawal.reason)
     else:
-        withdraw(dashboard.store, pseudonym, withdrawal.reason)
+        withdraw_participant(dashboard.store, pseudonym, withdrawal.reason)
 
 
 def _note(dashboard: Dashboard, pseudonym: str, note: NoteRequest) -> None:
     running = dashboard.running_participant == pseudonym
-    session = dashboard.store.sessions(pseudonym)[-1].id if running else None
+    session = dashboard.store.read_sessions(pseudonym)[-1].id if running else None
     add_note(dashboard.store, pseudonym, note.text, session)
 
 
@@ -302,27 +312,27 @@ def _edit_note(dashboard: Dashboard, pseudonym: str, note: NoteEditRequest) -> N
 
 def _report(dashboard: Dashboard, pseudonym: str, new: AdverseEventRequest) -> None:
     record_adverse_event(
-        dashboard.store, pseudonym, new.report, follows=new.follows, recorded_by=dashboard.experimenter
+        dashboard.store, pseudonym, new.report, follows=new.follows, recorded_by=dashboard.experimenter_name
     )
 
 
 def _begin(dashboard: Dashboard, pseudonym: str, start: SessionStartRequest) -> None:
     if dashboard.live_sessions is None:
         raise StudyError("this server runs no sessions; `avrgym serve --study DIR` runs them")
-    stored = furniture_of(dashboard.store, pseudonym)
+    stored = read_own_furniture(dashboard.store, pseudonym)
     given = start.furniture
     if given is None or not (start.own or stored):
-        dashboard.live_sessions.begin(pseudonym, given)
+        dashboard.live_sessions.begin_session(pseudonym, given)
         return
     if given != stored:
-        record_furniture(dashboard.store, pseudonym, given)
-    dashboard.live_sessions.begin(pseudonym)
+        record_own_furniture(dashboard.store, pseudonym, given)
+    dashboard.live_sessions.begin_session(pseudonym)
 
 
 def _renew_link(dashboard: Dashboard, pseudonym: str, _: EmptyRequest) -> None:
     if dashboard.live_sessions is None:
         raise StudyError("this server runs no sessions; `avrgym serve --study DIR` runs them")
-    dashboard.live_sessions.renew_link(pseudonym)
+    dashboard.live_sessions.renew_session_link(pseudonym)
 
 
 PARTICIPANT_ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any], None]]] = {
@@ -341,7 +351,7 @@ PARTICIPANT_ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboar
     "links": (EmptyRequest, _renew_link),
 }
 """Actions on a participant: type of the request body and function, by the last part of the action's route."""
-AUDIT_LOG_NAMES = {
+AUDIT_LOG_ACTION_NAMES = {
     "identity": "change identity",
     "input": "change input",
     "respondent": "change respondent",
@@ -356,8 +366,8 @@ AUDIT_LOG_NAMES = {
 """Names of actions in the audit log, if they differ from the last part of the route."""
 
 
-def dashboard_app(
-    store: Store,
+def make_dashboard_app(
+    store: StudyStore,
     tokens: Tokens,
     live: LiveSessions | None = None,
     addresses: Callable[[str], Sequence[str]] = lambda link: (f"/#token={link}",),
@@ -374,7 +384,7 @@ def dashboard_app(
     """
 
     def experimenter_only(request: Request) -> None:
-        caller = tokens.client_of_request(request.headers)
+        caller = tokens.authenticate_request(request.headers)
         if caller is None or caller.role != "experimenter":
             raise HTTPException(
                 401, "invalid token; open the experimenter's address, which the server printed"
@@ -390,44 +400,50 @@ def dashboard_app(
 
     @app.get("/overview")
     def read_overview(request: Request) -> Response:
-        log.log_view(_caller(request), "view dashboard")
-        link = session_access(dashboard.live_sessions.links, addresses) if dashboard.live_sessions else None
-        own = dashboard.live_sessions.caregiver_links.link if dashboard.live_sessions else None
+        log.log_page_view(_caller(request), "view dashboard")
+        link = (
+            make_session_access(dashboard.live_sessions.participant_links, addresses)
+            if dashboard.live_sessions
+            else None
+        )
+        own = dashboard.live_sessions.caregiver_links.current_link_token if dashboard.live_sessions else None
         caregiver = tuple(caregiver_addresses(own)) if own else ()
-        furniture, name = dashboard.furniture, _caller(request).experimenter_name
-        return json_response(
-            study_overview(store, dashboard.running_participant, furniture, name, link, caregiver)
+        furniture, name = dashboard.furniture, _caller(request).user_name
+        return make_json_response(
+            make_study_overview(store, dashboard.running_participant, furniture, name, link, caregiver)
         )
 
     @app.get("/results")
     def read_results(request: Request) -> Response:
-        log.log_view(_caller(request), VIEW_RESULTS_ACTION)
-        return json_response(results_view(store))
+        log.log_page_view(_caller(request), VIEW_RESULTS_ACTION)
+        return make_json_response(make_displayed_results(store))
 
     @app.get("/participants/{pseudonym}")
     def read_participant(pseudonym: str, request: Request) -> Response:
-        view = participant_view(store, pseudonym)
-        log.log_view(_caller(request), "view participant", pseudonym)
-        return json_response(view)
+        view = make_displayed_participant(store, pseudonym)
+        log.log_page_view(_caller(request), "view participant", pseudonym)
+        return make_json_response(view)
 
     def logged(caller: AuthenticatedClient, new: EnrolmentRequest) -> dict[str, str]:
         with log.log_command(caller, "enrol", None) as entry:
             enrolled = _enrol(dashboard, new)
-            entry.participant = enrolled["participant"]
+            entry.pseudonym = enrolled["participant"]
         return enrolled
 
     @app.post("/participants")
     async def enrol_somebody(request: Request) -> Response:
-        return json_response(
+        return make_json_response(
             await run_in_threadpool(
-                logged, _caller(request), await decode_json_body(request, EnrolmentRequest, MAX_BODY_BYTES)
+                logged,
+                _caller(request),
+                await decode_json_body(request, EnrolmentRequest, MAX_REQUEST_BODY_BYTES),
             )
         )
 
     if live is not None:
-        app.mount("/care", caregiver_app(store, tokens, live))
+        app.mount("/care", make_caregiver_app(store, tokens, live))
     for name, (kind, act) in PARTICIPANT_ACTIONS.items():
-        endpoint = _endpoint(dashboard, log, AUDIT_LOG_NAMES.get(name, name), kind, act)
+        endpoint = _endpoint(dashboard, log, AUDIT_LOG_ACTION_NAMES.get(name, name), kind, act)
         app.post(f"/participants/{{pseudonym}}/{name}")(endpoint)
     return app
 
@@ -441,11 +457,11 @@ def _endpoint(
 ) -> Callable[..., Awaitable[Response]]:
     def logged(caller: AuthenticatedClient, pseudonym: str, body: Any) -> None:
         with log.log_command(caller, name, pseudonym):
-            act(replace(dashboard, experimenter=caller.experimenter_name), pseudonym, body)
+            act(replace(dashboard, experimenter_name=caller.user_name), pseudonym, body)
 
     async def endpoint(pseudonym: str, request: Request) -> Response:
         await run_in_threadpool(
-            logged, _caller(request), pseudonym, await decode_json_body(request, kind, MAX_BODY_BYTES)
+            logged, _caller(request), pseudonym, await decode_json_body(request, kind, MAX_REQUEST_BODY_BYTES)
         )
         return Response(status_code=204)
 

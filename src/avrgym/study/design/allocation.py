@@ -7,10 +7,10 @@ from functools import cache
 
 import numpy as np
 
-from avrgym.study.design.counterbalancing import TaskBlock, TrialOrder, balanced_orders
+from avrgym.study.design.counterbalancing import TaskBlock, TrialOrder, make_balanced_orders
 from avrgym.study.design.design import Design
 from avrgym.system import random_streams
-from avrgym.tasks.constants import environment_id
+from avrgym.tasks.constants import make_environment_id
 
 
 @dataclass(frozen=True)
@@ -24,17 +24,17 @@ class PlannedTrial:
     practice: bool
 
 
-def trial_orders(design: Design) -> tuple[TrialOrder, ...]:
+def make_trial_orders(design: Design) -> tuple[TrialOrder, ...]:
     """Returns all balanced trial orders of the design. A cell is the index of an order in this tuple."""
     return _cell_orders(len(design.tasks), len(design.robot_policy_pairs), design.seed)
 
 
 @cache
 def _cell_orders(tasks: int, conditions: int, seed: int) -> tuple[TrialOrder, ...]:
-    return balanced_orders(tasks, conditions, random_streams.condition_order_generator(seed))
+    return make_balanced_orders(tasks, conditions, random_streams.make_condition_order_rng(seed))
 
 
-def least_used_order_index(
+def find_least_used_order_index(
     order: Sequence[int], cells_at_site: Iterable[int], cells_elsewhere: Iterable[int] = ()
 ) -> int:
     """Returns the cell (index of a trial order) for the next participant: the least used cell at their site.
@@ -48,15 +48,15 @@ def least_used_order_index(
     return min(order, key=lambda cell: (here[cell], others[cell]))
 
 
-def order_indices_for_site(design: Design, site: str | None) -> list[int]:
+def list_order_indices_for_site(design: Design, site: str | None) -> list[int]:
     """Returns all cells (indices of trial orders) of the design, in the order in which a site uses them.
 
     The order differs between sites. Small sites therefore use different cells.
     """
-    cells = len(trial_orders(design))
+    cells = len(make_trial_orders(design))
     if site is None:
         return list(range(cells))
-    rng = random_streams.site_cell_generator(design.seed, site)
+    rng = random_streams.make_site_order_rng(design.seed, site)
     return [int(cell) for cell in rng.permutation(cells)]
 
 
@@ -69,18 +69,18 @@ def plan_trials(
 
     Practice robots and trial seeds differ between participants; both depend on the design's seed.
     """
-    rng = random_streams.trial_seed_generator(design.seed, participant, site)
-    robots_of_tasks = practice_robots(design, participant)
+    rng = random_streams.make_trial_seed_rng(design.seed, participant, site)
+    robots_of_tasks = choose_practice_robots(design, participant)
     trials: list[PlannedTrial] = []
-    for block in trial_orders(design)[cell]:
+    for block in make_trial_orders(design)[cell]:
         for robot, policy, practice in _conditions(design, block, robots_of_tasks[block.task_index]):
-            environment = environment_id(design.tasks[block.task_index], robot)
+            environment = make_environment_id(design.tasks[block.task_index], robot)
             seed = int(rng.integers(1 << 31))
             trials.append(PlannedTrial(len(trials) + 1, environment, policy, seed, practice))
     return tuple(trials)
 
 
-def practice_robots(design: Design, participant: int) -> tuple[str, ...]:
+def choose_practice_robots(design: Design, participant: int) -> tuple[str, ...]:
     """Returns the participant's practice robot for each task of the design; ``participant`` is a number from 1.
 
     Robots are random and balanced. With R robots, each group of R successive participants practises a task with R
@@ -88,7 +88,7 @@ def practice_robots(design: Design, participant: int) -> tuple[str, ...]:
     """
     robots = len(design.robots)
     group, place = divmod(participant - 1, robots)
-    rng = random_streams.practice_robot_generator(design.seed, group)
+    rng = random_streams.make_practice_robot_rng(design.seed, group)
     shifts = rng.permutation(np.arange(len(design.tasks)) % robots)
     return tuple(design.robots[int(index)] for index in (rng.permutation(robots)[place] + shifts) % robots)
 

@@ -32,7 +32,7 @@ TrialOrder = tuple[TaskBlock, ...]
 """The trial order of a participant: the task blocks in order."""
 
 
-def williams_square(size: int) -> IntArray:
+def make_williams_square(size: int) -> IntArray:
     """Returns a Williams square (size, size) of the numbers 0 to ``size`` − 1; for an odd size above 1, (2 size,
     size).
     """
@@ -41,7 +41,7 @@ def williams_square(size: int) -> IntArray:
     return np.concatenate([rows, rows[:, ::-1]]) if size % 2 and size > 1 else rows
 
 
-def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tuple[TrialOrder, ...]:
+def make_balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tuple[TrialOrder, ...]:
     """Returns balanced trial orders for these numbers of tasks and conditions. A *cell* is the index of an order.
 
     Over all cells, the order of tasks is balanced as in a Williams square. The order of conditions is balanced in the
@@ -66,7 +66,7 @@ def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tu
 
 def _shuffled_square(size: int, rng: np.random.Generator) -> IntArray:
     """Returns a Williams square with randomly permuted symbols and rows. It is still balanced."""
-    return rng.permutation(rng.permutation(size)[williams_square(size)])
+    return rng.permutation(rng.permutation(size)[make_williams_square(size)])
 
 
 def _variety(row_of: IntArray) -> int:

@@ -16,15 +16,15 @@ from avrgym.commands.preferences import (
     apply_preferences,
 )
 from avrgym.models.furniture.real_furniture import RealFurniture
-from avrgym.questionnaires.questionnaire import Item, Questionnaire, items_at_moment
-from avrgym.questionnaires.stop_rules import StopRule, StopRules
+from avrgym.questionnaires.questionnaire import Item, Questionnaire, list_items_at_moment
+from avrgym.questionnaires.stop_rules import StopRule, StopRuleSet
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.instruments import add_instrument_items
 from avrgym.study.design.languages import check_translations
 from avrgym.study.design.questionnaires import check_questionnaires, check_stop_rules
-from avrgym.study.design.retention import Retention, check_retention
-from avrgym.study.design.validation import DesignError as DesignError
-from avrgym.study.design.validation import (
+from avrgym.study.design.retention import RetentionPeriods, check_retention
+from avrgym.study.design.toml_validation import DesignError as DesignError
+from avrgym.study.design.toml_validation import (
     StructByKeyPath,
     ValidationError,
     check_id,
@@ -36,13 +36,13 @@ from avrgym.study.design.validation import (
 )
 from avrgym.system import random_streams
 from avrgym.system.toml_lines import ValuePath
-from avrgym.tasks.constants import environment_id
-from avrgym.tasks.registry import ENVIRONMENTS, TASKS, task_and_scene, task_goal
-from avrgym.tasks.settings import DEFAULT_SETTINGS, PERSON_SETTINGS, Settings, settings_from_values
-from avrgym.vr.lab_streaming.choice import StreamSettings, stream_error
+from avrgym.tasks.constants import make_environment_id
+from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_task_and_scene, get_goal_description
+from avrgym.tasks.settings import DEFAULT_SETTINGS, PERSON_SETTINGS, Settings, make_settings
+from avrgym.vr.lab_streaming.stream_settings import StreamSettings, find_stream_error
 from avrgym.vr.session.headset_time import NO_SESSION_RULES, SessionRules
 
-FILE = "study.toml"
+DESIGN_FILE = "study.toml"
 FIELDS_FIXED_AFTER_ALLOCATION = (
     "seed", "tasks", "robots", "policies", "practice_policy", "trial_steps", "settings", "conditions"
 )  # fmt: skip
@@ -52,11 +52,11 @@ SITE_SPECIFIC_FIELDS = ("site", "database", "recordings", "retention")
 
 InstructionText = Annotated[str, msgspec.Meta(min_length=1, max_length=160)]
 NonEmptyNames = Annotated[tuple[str, ...], msgspec.Meta(min_length=1, max_length=8)]
-OBJECT_STORE_URL = re.compile(r"s3://[a-z0-9][a-z0-9.-]{2,62}(/[A-Za-z0-9._-]+)*/?")
+OBJECT_STORE_URL_PATTERN = re.compile(r"s3://[a-z0-9][a-z0-9.-]{2,62}(/[A-Za-z0-9._-]+)*/?")
 _POLICY = re.compile(r"(?!.*\.\.)[A-Za-z0-9_-][A-Za-z0-9_./:-]{0,79}")
 
 
-class Consent(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ConsentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The consent text and its version. A changed text needs a new version."""
 
     version: Annotated[str, msgspec.Meta(min_length=1)]
@@ -94,7 +94,7 @@ class Condition(ConditionRules, frozen=True, forbid_unknown_fields=True, omit_de
     settings: Settings = DEFAULT_SETTINGS
 
 
-class Reporting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class PublicationDetails(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Facts for publications that recordings do not contain. An unknown fact is an empty text."""
 
     ethics_approval: str = ""
@@ -149,7 +149,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     measure_reach: bool = False
     ask_functioning: bool = False
     allow_other_settings: bool = False
-    consent: Consent
+    consent: ConsentConfig
     inclusion: tuple[InclusionQuestion, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()
     stop_rules: tuple[StopRule, ...] = ()
@@ -159,8 +159,8 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     sessions: SessionRules = NO_SESSION_RULES
     conditions: Mapping[str, Condition] = {}
     streams: StreamSettings = StreamSettings()
-    reporting: Reporting = Reporting()
-    retention: Retention = Retention()
+    reporting: PublicationDetails = PublicationDetails()
+    retention: RetentionPeriods = RetentionPeriods()
     database: DatabaseConfig = DatabaseConfig()
     recordings: RecordingsConfig = RecordingsConfig()
 
@@ -169,21 +169,19 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         """All pairs of robot and policy. The second name may be a condition."""
         return tuple(product(self.robots, self.policies))
 
-    def policy_of_condition(self, name: str) -> str:
+    def find_condition_policy(self, name: str) -> str:
         """Returns the policy of the condition ``name``. If ``name`` is a policy, returns ``name``."""
         return self.conditions[name].policy if name in self.conditions else name
 
-    def settings_of_condition(self, name: str) -> Settings:
+    def find_condition_settings(self, name: str) -> Settings:
         """Returns the scene settings of the condition ``name``; the design's settings for a policy."""
         if name not in self.conditions:
             return self.settings
-        return settings_from_values(
-            self.settings.changed_values | self.conditions[name].settings.changed_values
-        )
+        return make_settings(self.settings.changed_values | self.conditions[name].settings.changed_values)
 
-    def instruction_of_task(self, task: str, name: str = "") -> str:
+    def find_task_instruction(self, task: str, name: str = "") -> str:
         """Returns the instruction to participants in a task; ``name`` is the condition or policy."""
-        return self.goals.get(task) or task_goal(task, self.settings_of_condition(name))
+        return self.goals.get(task) or get_goal_description(task, self.find_condition_settings(name))
 
     @property
     def items_by_id(self) -> dict[str, Item]:
@@ -191,44 +189,44 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         return {item.id: item for questionnaire in self.questionnaires for item in questionnaire.items}
 
     @property
-    def stop_rule_set(self) -> StopRules:
+    def stop_rule_set(self) -> StopRuleSet:
         """The stop rules. They pause or end a session after certain answers."""
-        return StopRules(self.stop_rules, self.questionnaires)
+        return StopRuleSet(self.stop_rules, self.questionnaires)
 
-    def questionnaire_of_item(self, item: str) -> Questionnaire | None:
+    def find_item_questionnaire(self, item: str) -> Questionnaire | None:
         """Returns the questionnaire with this item; ``None`` if the design has no such item."""
         return next((each for each in self.questionnaires for own in each.items if own.id == item), None)
 
-    def items_at_moment(self, when: str, seed: int = 0) -> tuple[Item, ...]:
+    def list_items_at_moment(self, when: str, seed: int = 0) -> tuple[Item, ...]:
         """Returns the items that are shown at the moment ``when``, in order. ``seed``: the trial's seed, for random
         orders.
         """
-        return items_at_moment(self.questionnaires, when, seed)
+        return list_items_at_moment(self.questionnaires, when, seed)
 
-    def fixed_field_values(self) -> dict[str, Any]:
+    def list_fixed_field_values(self) -> dict[str, Any]:
         """Returns the fields that determine orders and trials, as JSON values. Default settings are omitted."""
         plain = msgspec.json.decode(msgspec.json.encode(self))
         return {name: plain[name] for name in FIELDS_FIXED_AFTER_ALLOCATION if plain[name] != {}}
 
-    def blinded_policy_letters(self) -> dict[str, str]:
+    def make_blinded_policy_letters(self) -> dict[str, str]:
         """Returns a random letter for each policy. A blinded experimenter sees the letter instead of the name."""
-        order = random_streams.policy_code_generator(self.seed, len(self.policies)).permutation(
+        order = random_streams.make_policy_code_rng(self.seed, len(self.policies)).permutation(
             len(self.policies)
         )
         return {policy: chr(ord("A") + place) for policy, place in zip(self.policies, order, strict=True)}
 
-    def displayed_policy(self, policy: str, practice: bool) -> str:
+    def choose_displayed_policy(self, policy: str, practice: bool) -> str:
         """Returns the policy of a trial as the experimenter sees it: its name, or if blinded, a letter or
         ``practice``.
         """
         if not self.blind_experimenter:
             return policy
-        return "practice" if practice else self.blinded_policy_letters()[policy]
+        return "practice" if practice else self.make_blinded_policy_letters()[policy]
 
 
-def default_design_text() -> str:
+def read_default_design_text() -> str:
     """Returns the text of the default ``study.toml``: the paper's protocol, with comments."""
-    return (files("avrgym") / "assets" / FILE).read_text(encoding="utf-8")
+    return (files("avrgym") / "assets" / DESIGN_FILE).read_text(encoding="utf-8")
 
 
 def read_design(path: Path) -> Design:
@@ -241,7 +239,7 @@ def read_design(path: Path) -> Design:
     return parse_design(read_text(path), str(path), path.parent)
 
 
-def parse_design(text: str, file_name: str = FILE, folder: Path = Path()) -> Design:
+def parse_design(text: str, file_name: str = DESIGN_FILE, folder: Path = Path()) -> Design:
     """Returns the design in a TOML text; ``file_name``: the file's name in error messages.
 
     ``folder``: the study's folder with translations and texts of validated questionnaires.
@@ -267,12 +265,12 @@ def _check(design: Design, folder: Path) -> None:
     _check_names(("robots",), design.robots, ROBOTS)
     for index, robot in enumerate(design.robots):
         for task in design.tasks:
-            if environment_id(task, robot) not in ENVIRONMENTS:
+            if make_environment_id(task, robot) not in ENVIRONMENTS:
                 raise ValidationError(
                     ("robots", index),
                     f"there is no environment of {robot} with {task}; `avrgym envs` lists all environments",
                 )
-            _check_settings(environment_id(task, robot), design)
+            _check_settings(make_environment_id(task, robot), design)
     for task in design.goals:
         check_known_name(("goals", task), task, TASKS)
     check_unique_names(("policies",), design.policies)
@@ -302,14 +300,14 @@ def _check_settings(environment: str, design: Design) -> None:
     """Raises ``ValidationError`` for settings that are not possible in an environment."""
     for name in ("", *design.conditions):
         place = ("conditions", name, "settings") if name else ("settings",)
-        settings = design.settings_of_condition(name)
+        settings = design.find_condition_settings(name)
         drawn = [each for each in PERSON_SETTINGS if each in settings.changed_values]
         if drawn:
             raise ValidationError(
                 (*place, drawn[0]), "participants have their own bodies; remove this setting of the person"
             )
         try:
-            task_and_scene(environment, settings)
+            find_task_and_scene(environment, settings)
         except ValueError as error:
             raise ValidationError(place, str(error)) from error
 
@@ -351,7 +349,7 @@ def _check_inclusion(questions: Iterable[InclusionQuestion]) -> None:
 
 def _check_streams(streams: StreamSettings) -> None:
     for name, query in streams.receive.items():
-        fault = stream_error(name, query)
+        fault = find_stream_error(name, query)
         if fault:
             raise ValidationError(("streams", "receive", name), fault)
 
@@ -364,14 +362,14 @@ def _check_database(url: str) -> None:
 
 
 def _check_object_store(url: str) -> None:
-    if url and not OBJECT_STORE_URL.fullmatch(url):
+    if url and not OBJECT_STORE_URL_PATTERN.fullmatch(url):
         raise ValidationError(
             ("recordings", "url"), 'not an address of an object store; allowed: "" or s3://bucket/folder'
         )
 
 
 _TABLES: StructByKeyPath = {
-    ("consent",): Consent,
+    ("consent",): ConsentConfig,
     ("inclusion",): InclusionQuestion,
     ("questionnaires",): Questionnaire,
     ("questionnaires", "items"): Item,
@@ -386,6 +384,6 @@ _TABLES: StructByKeyPath = {
     ("conditions", "defaults"): Preferences,
     ("conditions", "thresholds"): GestureThresholds,
     ("streams",): StreamSettings,
-    ("reporting",): Reporting,
-    ("retention",): Retention,
+    ("reporting",): PublicationDetails,
+    ("retention",): RetentionPeriods,
 }

@@ -16,15 +16,15 @@ FUNCTIONING_QUESTIONS: Mapping[str, str] = {
     "communicating": "Using your usual language, do you have difficulty communicating, for example understanding or "
     "being understood?",
 }
-NONE, DECLINED = "none", "declined"
+NONE_ANSWER, DECLINED_ANSWER = "none", "declined"
 DIFFICULTY_LEVELS: Mapping[str, str] = {
-    NONE: "no difficulty",
+    NONE_ANSWER: "no difficulty",
     "some": "some difficulty",
     "a lot": "a lot of difficulty",
     "cannot": "cannot do at all",
-    DECLINED: "I prefer not to answer",
+    DECLINED_ANSWER: "I prefer not to answer",
 }
-DEVICES_QUESTION = "Which assistive devices do you use in daily life?"
+ASSISTIVE_DEVICES_QUESTION = "Which assistive devices do you use in daily life?"
 ASSISTIVE_DEVICES: Mapping[str, str] = {
     "04": "for treatment or training of the body",
     "05": "for learning skills",
@@ -38,17 +38,17 @@ ASSISTIVE_DEVICES: Mapping[str, str] = {
     "27": "for controlling the surroundings",
     "28": "for work",
     "30": "for leisure",
-    NONE: "none of these",
-    DECLINED: "I prefer not to answer",
+    NONE_ANSWER: "none of these",
+    DECLINED_ANSWER: "I prefer not to answer",
 }
 """Assistive devices: classes of ISO 9999 by their numbers, and the answers ``none`` and ``declined``."""
 DIAGNOSIS_QUESTION = "Which diagnosis do you want to name? You need not answer."
 
 
-def functioning_sentences() -> Iterator[str]:
+def list_functioning_sentences() -> Iterator[str]:
     """Yields all sentences about functioning that participants read, before translation."""
     yield from FUNCTIONING_QUESTIONS.values()
     yield from DIFFICULTY_LEVELS.values()
     yield from ASSISTIVE_DEVICES.values()
-    yield DEVICES_QUESTION
+    yield ASSISTIVE_DEVICES_QUESTION
     yield DIAGNOSIS_QUESTION

@@ -15,13 +15,13 @@ import msgspec
 from avrgym.questionnaires.instrument import Instrument, InstrumentItem, check_weights
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.questionnaires.registry import INSTRUMENTS
-from avrgym.study.design.validation import ValidationError, check_keys, check_known_name
+from avrgym.study.design.toml_validation import ValidationError, check_keys, check_known_name
 from avrgym.system.files import read_user_text
 from avrgym.system.toml_lines import ValuePath
 from avrgym.system.type_guards import is_array, is_table
 
 INSTRUMENTS_FOLDER = "instruments"
-INSTRUMENT_KEYS = ("use", "name", "when", "order", "weights")
+INSTRUMENT_QUESTIONNAIRE_KEYS = ("use", "name", "when", "order", "weights")
 """Allowed keys of a questionnaire with ``use``."""
 
 
@@ -53,7 +53,7 @@ def _with_items(index: int, table: Any, folder: Path) -> Any:
     if not is_table(table) or "use" not in table:
         return table
     place = "questionnaires", index
-    check_keys(place, table, INSTRUMENT_KEYS)
+    check_keys(place, table, INSTRUMENT_QUESTIONNAIRE_KEYS)
     check_known_name((*place, "use"), str(table["use"]), INSTRUMENTS)
     instrument = INSTRUMENTS[str(table["use"])]
     items = [msgspec.to_builtins(item) for item in _items((*place, "use"), instrument, folder)]
@@ -81,7 +81,7 @@ def _items(place: ValuePath, instrument: Instrument, folder: Path) -> list[Item]
     """Returns the items of a validated questionnaire. Missing texts are read from the study's folder."""
     brought = all(item.text for item in instrument.items)
     own: Mapping[str, ItemText] = {} if brought else _texts_of_study(place, instrument, folder)
-    points = instrument.response_scale.points
+    points = instrument.response_scale.option_count
     return [
         Item(
             item.id,
@@ -89,7 +89,7 @@ def _items(place: ValuePath, instrument: Instrument, folder: Path) -> list[Item]
             points,
             words.low or item.low_label,
             words.high or item.high_label,
-            item.labels,
+            item.option_labels,
         )
         for item in instrument.items
         for words in (own.get(item.id, ItemText(item.text)),)

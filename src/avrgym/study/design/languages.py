@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design import functioning
 from avrgym.study.design.instruments import INSTRUMENTS_FOLDER as INSTRUMENTS
-from avrgym.study.design.validation import ValidationError, check_unique_names
+from avrgym.study.design.toml_validation import ValidationError, check_unique_names
 from avrgym.texts.interface_texts import TEXTS_FOLDER, InvalidTextsError, read_texts
 
 if TYPE_CHECKING:
     from avrgym.study.design.design import Design
 
 
-ENGLISH = "en"
+ENGLISH_LANGUAGE_TAG = "en"
 """Language of the sentences in AVR Gym: goals of tasks, and included questionnaires."""
 MAX_LISTED_SENTENCES = 3
 """Maximum number of missing sentences in an error message."""
@@ -35,8 +35,8 @@ def check_translations(design: Design, folder: Path) -> None:
         except InvalidTextsError as error:
             raise ValidationError(("languages", index), str(error)) from None
         own = _design_sentences(design) if index > 0 else ()
-        included = _included_sentences(design) if language != ENGLISH else ()
-        untranslated = texts.untranslated_sentences([*own, *included])
+        included = _included_sentences(design) if language != ENGLISH_LANGUAGE_TAG else ()
+        untranslated = texts.find_untranslated_sentences([*own, *included])
         if untranslated:
             named = ", ".join(f'"{sentence}"' for sentence in untranslated[:MAX_LISTED_SENTENCES])
             more = (
@@ -53,7 +53,7 @@ def check_translations(design: Design, folder: Path) -> None:
             )
 
 
-def participant_sentences(design: Design) -> list[str]:
+def list_participant_sentences(design: Design) -> list[str]:
     """Returns all sentences that participants read, before translation."""
     return [*_design_sentences(design), *_included_sentences(design)]
 
@@ -72,9 +72,9 @@ def _included_sentences(design: Design) -> Iterator[str]:
     """Yields the sentences of AVR Gym that the design uses."""
     for task in design.tasks:
         if not design.goals.get(task):
-            yield from {design.instruction_of_task(task, name) for name in ("", *design.conditions)}
+            yield from {design.find_task_instruction(task, name) for name in ("", *design.conditions)}
     if design.ask_functioning:
-        yield from functioning.functioning_sentences()
+        yield from functioning.list_functioning_sentences()
     for questionnaire in design.questionnaires:
         if _has_included_text(questionnaire):
             yield from _words(questionnaire)
@@ -90,7 +90,7 @@ def _words(questionnaire: Questionnaire) -> Iterator[str]:
         yield from (item.text, item.low, item.high, *item.labels)
 
 
-def text_files(design: Design, folder: Path) -> list[str]:
+def find_text_files(design: Design, folder: Path) -> list[str]:
     """Returns the existing text files of the design: translations and questionnaire texts.
 
     Paths are relative to the study's folder.

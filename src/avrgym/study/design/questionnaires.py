@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 from avrgym.questionnaires.questionnaire import ITEM_ORDERS, QUESTION_MOMENTS, Item, Questionnaire
-from avrgym.questionnaires.stop_rules import STOP_ACTIONS, StopRules
+from avrgym.questionnaires.stop_rules import STOP_ACTIONS, StopRuleSet
 from avrgym.study.design.instruments import check_instrument_weights
-from avrgym.study.design.validation import (
+from avrgym.study.design.toml_validation import (
     ValidationError,
     check_allowed_value,
     check_id,
@@ -48,14 +48,14 @@ def _check_item(place: ValuePath, item: Item, known: set[str]) -> None:
         )
 
 
-def check_stop_rules(rules: StopRules) -> None:
+def check_stop_rules(rules: StopRuleSet) -> None:
     """Raises ``ValidationError`` for the first invalid rule. A rule for no answer or for every answer is invalid."""
     items = [item.id for questionnaire in rules.questionnaires for item in questionnaire.items]
     for index, rule in enumerate(rules.rules):
         place = ("stop_rules", index)
         check_known_name((*place, "item"), rule.item, items)
         check_allowed_value((*place, "then"), rule.action, STOP_ACTIONS)
-        least, most = rules.value_range(rule.item)
+        least, most = rules.compute_value_range(rule.item)
         if not least < rule.min_value <= most:
             raise ValidationError(
                 (*place, "at_least"),

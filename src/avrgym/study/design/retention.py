@@ -7,14 +7,14 @@ from typing import Annotated
 
 import msgspec
 
-from avrgym.study.design.validation import ValidationError
+from avrgym.study.design.toml_validation import ValidationError
 
 RetentionMonths = Annotated[int, msgspec.Meta(ge=0, le=1200)]
 RetentionYears = Annotated[int, msgspec.Meta(ge=0, le=100)]
-IDENTITIES, RECORDINGS, ALL_DATA = "identities", "recordings", "data"
+IDENTITY_DATA, RECORDING_DATA, ALL_DATA = "identities", "recordings", "data"
 
 
-class Retention(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class RetentionPeriods(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Retention periods after the end of the study. Data without a period are never deleted.
 
     ``identities_months``: names and contacts. ``recordings_years``: recordings of people. ``data_years``: all data of
@@ -27,32 +27,34 @@ class Retention(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     data_years: RetentionYears | None = None
 
     @property
-    def months_by_kind(self) -> Mapping[str, int]:
+    def months_by_data_kind(self) -> Mapping[str, int]:
         """The retention periods in months, by kind of data. Kinds without a period are omitted."""
-        years = {RECORDINGS: self.recordings_years, ALL_DATA: self.data_years}
-        given = {IDENTITIES: self.identities_months} | {
+        years = {RECORDING_DATA: self.recordings_years, ALL_DATA: self.data_years}
+        given = {IDENTITY_DATA: self.identities_months} | {
             kind: None if period is None else 12 * period for kind, period in years.items()
         }
         return {kind: period for kind, period in given.items() if period is not None}
 
     @property
-    def last_day(self) -> date | None:
+    def last_study_day(self) -> date | None:
         """The last day of the study; ``None`` if unknown."""
         return date.fromisoformat(self.ended_on) if self.ended_on else None
 
     @property
-    def deletion_dates(self) -> Mapping[str, date]:
+    def deletion_date_by_data_kind(self) -> Mapping[str, date]:
         """The first day after the retention period, by kind of data; empty if the end of the study is unknown."""
-        end = self.last_day
+        end = self.last_study_day
         return (
-            {} if end is None else {kind: _later(end, months) for kind, months in self.months_by_kind.items()}
+            {}
+            if end is None
+            else {kind: _later(end, months) for kind, months in self.months_by_data_kind.items()}
         )
 
 
-def check_retention(retention: Retention) -> None:
+def check_retention(retention: RetentionPeriods) -> None:
     """Raises ``ValidationError`` if ``ended_on`` is not a date."""
     try:
-        _ = retention.last_day
+        _ = retention.last_study_day
     except ValueError:
         raise ValidationError(
             ("retention", "ended_on"),

@@ -5,12 +5,17 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 
-from avrgym.study.export.records import DEFAULT_EXPORT_OPTIONS, ExportOptions
-from avrgym.study.export.trials import ExportedAttempt, OmittedAttempt, completed_attempts, verify_attempts
+from avrgym.study.export.event_tables import DEFAULT_EXPORT_OPTIONS, ExportOptions
+from avrgym.study.export.exported_attempts import (
+    ExportedAttempt,
+    OmittedAttempt,
+    list_completed_attempts,
+    verify_attempts,
+)
 from avrgym.study.storage.data_loss import describe_data_loss
 from avrgym.study.storage.remote_recordings import fetch_recordings
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from avrgym.system.files import write_folder_atomically
 
 EXPORT_FORMATS: Mapping[str, str] = {
@@ -37,7 +42,7 @@ PRIVACY_NOTICE = (
 
 
 def export_study(
-    store: Store,
+    store: StudyStore,
     data_format: str,
     out: Path,
     *,
@@ -82,7 +87,7 @@ def export_study(
         write = partial(write, extras=extras)
     if cameras:
         write = partial(write, cameras=cameras)
-    sound, left_out = verify_attempts(list(completed_attempts(store)), progress)
+    sound, left_out = verify_attempts(list(list_completed_attempts(store)), progress)
     if left_out and not skip_damaged:
         raise StudyError(_refusal(left_out))
     for each in left_out:
@@ -97,25 +102,28 @@ def _refusal(left_out: Sequence[OmittedAttempt]) -> str:
 
 
 def _write(
-    store: Store,
+    store: StudyStore,
     write: FormatWriter,
     sound: Sequence[ExportedAttempt],
     left_out: Sequence[OmittedAttempt],
     folder: Path,
 ) -> None:
-    from avrgym.study.export.rows import OmittedAttemptRow
     from avrgym.study.export.table_files import write_csv
+    from avrgym.study.export.table_rows import OmittedAttemptRow
 
     write(store, sound, folder)
     _add_losses(store, folder)
     if left_out:
         write_csv(
             folder / OMITTED_RECORDINGS_FILE,
-            [OmittedAttemptRow(**vars(each.attempt.identifiers()), reason=each.reason) for each in left_out],
+            [
+                OmittedAttemptRow(**vars(each.attempt.make_identifiers()), reason=each.reason)
+                for each in left_out
+            ],
         )
 
 
-def _add_losses(store: Store, folder: Path) -> None:
+def _add_losses(store: StudyStore, folder: Path) -> None:
     """Append sentences about a loss of the study's database to the README files."""
     words = describe_data_loss(store)
     for path in folder.rglob("README*") if words else ():

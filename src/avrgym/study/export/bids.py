@@ -16,18 +16,23 @@ from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.recording.schema import Event, Pose, TrackingFrame
 from avrgym.study.export import OMITTED_RECORDINGS_FILE, PRIVACY_NOTICE
 from avrgym.study.export.codebook import COLUMNS_BY_TABLE
-from avrgym.study.export.physio import StreamSeries, recorded_series, text_events, text_stream_corrections
-from avrgym.study.export.records import (
+from avrgym.study.export.event_tables import (
     DEFAULT_EXPORT_OPTIONS,
     ExportOptions,
-    event_and_note_tables,
+    make_event_and_note_tables,
     write_table,
 )
-from avrgym.study.export.table_files import tsv_cell, write_json, write_tsv
-from avrgym.study.export.trials import ExportedAttempt
-from avrgym.study.storage.answers import answer_moments
+from avrgym.study.export.exported_attempts import ExportedAttempt
+from avrgym.study.export.physio import (
+    NumericStreamSamples,
+    read_numeric_stream_samples,
+    read_text_events,
+    read_text_stream_time_corrections,
+)
+from avrgym.study.export.table_files import format_tsv_cell, write_json, write_tsv
+from avrgym.study.storage.answers import find_answer_moments
 from avrgym.study.storage.item_versions import AnsweredItems
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 
 BIDS_VERSION = "1.11.1"
 TRACKED_POINTS = {"head": "head", "left": "left_hand", "right": "right_hand"}
@@ -40,7 +45,7 @@ REFERENCE_FRAME = "local_floor"
 """Name of the reference frame of all poses."""
 TRACKING_SYSTEM = "headset"
 """Name of the tracking system in BIDS file names (``tracksys-headset``)."""
-CONDITION_COLUMNS = {
+CONDITION_COLUMN_MEANINGS = {
     name: COLUMNS_BY_TABLE["attempts"][name].meaning
     for name in ("simulated", "practice", "task", "robot", "policy", "reward", "success")
 }
@@ -48,7 +53,7 @@ CONDITION_COLUMNS = {
 
 
 def write(
-    store: Store,
+    store: StudyStore,
     completed: Sequence[ExportedAttempt],
     folder: Path,
     extras: ExportOptions = DEFAULT_EXPORT_OPTIONS,
@@ -62,11 +67,11 @@ def write(
         _write_session(list(session), folder)
     _write_answers(store, completed, folder / "phenotype")
     (folder / SOURCE_DATA_FOLDER).mkdir()
-    for name, rows in event_and_note_tables(store, extras).items():
+    for name, rows in make_event_and_note_tables(store, extras).items():
         write_table(folder / SOURCE_DATA_FOLDER, name, rows)
 
 
-def _description(store: Store) -> dict[str, Any]:
+def _description(store: StudyStore) -> dict[str, Any]:
     return {
         "Name": store.design.title,
         "BIDSVersion": BIDS_VERSION,
@@ -76,7 +81,7 @@ def _description(store: Store) -> dict[str, Any]:
     }
 
 
-def _write_participants(store: Store, attempts: Sequence[ExportedAttempt], folder: Path) -> None:
+def _write_participants(store: StudyStore, attempts: Sequence[ExportedAttempt], folder: Path) -> None:
     present = {exported.participant.number for exported in attempts}
     rows = [
         {
@@ -87,7 +92,7 @@ def _write_participants(store: Store, attempts: Sequence[ExportedAttempt], folde
             "site": participant.site,
             "simulated": participant.simulated,
         }
-        for participant in store.participants()
+        for participant in store.read_participants()
         if participant.number in present
     ]
     _write_table(folder / "participants.tsv", rows)
@@ -113,13 +118,13 @@ def _write_session(attempts: list[ExportedAttempt], folder: Path) -> None:
     _write_table(place / f"{prefix}_scans.tsv", [_scan(exported) for exported in attempts])
     write_json(
         place / f"{prefix}_scans.json",
-        {name: {"Description": description} for name, description in CONDITION_COLUMNS.items()},
+        {name: {"Description": description} for name, description in CONDITION_COLUMN_MEANINGS.items()},
     )
 
 
 def _scan(exported: ExportedAttempt) -> dict[str, Any]:
     metrics = exported.attempt.metrics
-    labels = exported.identifiers()
+    labels = exported.make_identifiers()
     moment = exported.attempt.started_at.removesuffix("+00:00")
     return {
         "filename": f"motion/{_run_name(exported)}_motion.tsv",
@@ -151,18 +156,20 @@ def _write_run(exported: ExportedAttempt, folder: Path) -> None:
     write_json(folder / f"{name}_channels.json", _reference_frame())
     write_json(folder / f"{name}_motion.json", _sidecar(exported, frames, len(channels)))
     start_s = frames[0].received_time_s if frames else 0.0
-    events = [*topics["/events"], *text_events(topics)]
-    _write_events(events, start_s, folder / f"{name}_events", text_stream_corrections(topics, start_s))
-    for series in recorded_series(topics, start_s):
+    events = [*topics["/events"], *read_text_events(topics)]
+    _write_events(
+        events, start_s, folder / f"{name}_events", read_text_stream_time_corrections(topics, start_s)
+    )
+    for series in read_numeric_stream_samples(topics, start_s):
         _write_series(series, exported, folder / f"{name}_recording-{series.stream.name}_physio")
 
 
-def _write_series(series: StreamSeries, exported: ExportedAttempt, path: Path) -> None:
+def _write_series(series: NumericStreamSamples, exported: ExportedAttempt, path: Path) -> None:
     """Write samples as gzip, and their JSON sidecar. The gzip file has no date, so equal studies give equal bytes."""
-    lines = ("\t".join(tsv_cell(value) for value in row) + "\n" for row in series.rows())
+    lines = ("\t".join(format_tsv_cell(value) for value in row) + "\n" for row in series.make_sample_rows())
     data = gzip.compress("".join(lines).encode(), mtime=0)
     path.with_suffix(".tsv.gz").write_bytes(data)
-    write_json(path.with_suffix(".json"), {"TaskName": exported.trial.task, **series.sidecar()})
+    write_json(path.with_suffix(".json"), {"TaskName": exported.trial.task, **series.make_sidecar()})
 
 
 def _write_events(
@@ -257,7 +264,7 @@ def _is_followed(frame: TrackingFrame, field: str) -> bool:
     return not (frame.rejected or field in frame.rejected_parts or field in frame.untracked_parts)
 
 
-def _write_answers(store: Store, attempts: Sequence[ExportedAttempt], folder: Path) -> None:
+def _write_answers(store: StudyStore, attempts: Sequence[ExportedAttempt], folder: Path) -> None:
     folder.mkdir()
     answered_items = AnsweredItems(store)
     for questionnaire in answered_items.design.questionnaires:
@@ -268,14 +275,14 @@ def _write_answers(store: Store, attempts: Sequence[ExportedAttempt], folder: Pa
         columns, name = ["participant_id", "simulated", *item_by_column], _label(questionnaire.name)
         _write_table(folder / f"{name}.tsv", [{c: row.get(c) for c in columns} for row in rows])
         described = {column: _describe(questionnaire, items[item]) for column, item in item_by_column.items()}
-        described["simulated"] = {"Description": CONDITION_COLUMNS["simulated"]}
+        described["simulated"] = {"Description": CONDITION_COLUMN_MEANINGS["simulated"]}
         write_json(folder / f"{name}.json", described)
     if not any(folder.iterdir()):
         folder.rmdir()
 
 
 def _describe(questionnaire: Questionnaire, item: Item) -> dict[str, Any]:
-    scale = questionnaire.scale_of(item)
+    scale = questionnaire.find_response_scale(item)
     between = [f"{value}, from {scale.lowest_value} to {scale.highest_value}" for value in scale.values[1:-1]]
     words = item.labels or (item.low, *between, item.high)
     return {
@@ -290,7 +297,7 @@ def _label(name: str) -> str:
 
 
 def _rows_of_answers(
-    store: Store,
+    store: StudyStore,
     attempts: Sequence[ExportedAttempt],
     questionnaire: Questionnaire,
     answered_items: AnsweredItems,
@@ -301,22 +308,22 @@ def _rows_of_answers(
     """
     rows: list[dict[str, Any]] = []
     item_by_column: dict[str, str] = {}
-    scales = {item.id: questionnaire.scale_of(item) for item in questionnaire.items}
-    people = {person.number: person for person in store.participants()}
+    scales = {item.id: questionnaire.find_response_scale(item) for item in questionnaire.items}
+    people = {person.number: person for person in store.read_participants()}
     for number, own in groupby(attempts, key=lambda exported: exported.participant.number):
         about = {e.attempt.id: f"{e.trial.task}_{e.trial.robot}_{e.trial.policy}" for e in own}
         participant = people[number]
-        sessions = {session.id: session.name for session in store.sessions(participant.pseudonym)}
+        sessions = {session.id: session.name for session in store.read_sessions(participant.pseudonym)}
         row: dict[str, Any] = {"participant_id": participant.pseudonym, "simulated": participant.simulated}
-        answers = store.answers(participant.pseudonym)
-        moments = answer_moments(store.design, answers, store.session_events(participant.pseudonym))
+        answers = store.read_answers(participant.pseudonym)
+        moments = find_answer_moments(store.design, answers, store.read_session_events(participant.pseudonym))
         for answer in answers:
-            item = answered_items.item_of(answer).id
+            item = answered_items.find_item(answer).id
             if item not in scales or (answer.attempt is not None and answer.attempt not in about):
                 continue
             session = f"{sessions[answer.session]}_{moments[answer.id]}"
             column = f"{session if answer.attempt is None else about[answer.attempt]}_{_label(item)}"
-            row[column], item_by_column[column] = scales[item].scale_value(answer.value), item
+            row[column], item_by_column[column] = scales[item].compute_option_value(answer.value), item
         rows.append(row)
     return rows, item_by_column
 

@@ -15,14 +15,14 @@ import h5py
 import numpy as np
 
 from avrgym.study.export import PRIVACY_NOTICE
-from avrgym.study.export.trials import ExportedAttempt, group_by_scene
-from avrgym.study.storage.store import Store
+from avrgym.study.export.exported_attempts import ExportedAttempt, group_by_scene
+from avrgym.study.storage.store import StudyStore
 
 MINARI_VERSION = "0.5.0"
 """Version of Minari's dataset format."""
 
 
-def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> None:
+def write(store: StudyStore, completed: Sequence[ExportedAttempt], folder: Path) -> None:
     """Write completed attempts as Minari datasets into a folder."""
     (folder / "README.txt").write_text(PRIVACY_NOTICE + "\n", encoding="utf-8")
     for scene, attempts in group_by_scene(completed).items():
@@ -39,7 +39,7 @@ def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> N
 
 def _write_episode(group: h5py.Group, number: int, exported: ExportedAttempt) -> tuple[int, int, int]:
     """Write one attempt as an episode. Returns the number of steps, and the sizes of observation and action."""
-    steps = [control for _, control in exported.control_steps()]
+    steps = [control for _, control in exported.read_control_steps()]
     observations = np.array([control.observation for control in steps])
     actions = np.array([control.action for control in steps], np.float32)
     group["observations"] = np.concatenate([observations, observations[-1:]])
@@ -50,13 +50,13 @@ def _write_episode(group: h5py.Group, number: int, exported: ExportedAttempt) ->
     succeeded = [control.success for control in steps]
     group["infos/success"] = np.array(succeeded[:1] + succeeded)
     group.attrs.update({"id": number, "seed": exported.trial.seed, "total_steps": len(steps)})
-    for name, value in vars(exported.identifiers()).items():
+    for name, value in vars(exported.make_identifiers()).items():
         group.attrs[name] = "" if value is None else value
     return len(steps), observations.shape[1], actions.shape[1]
 
 
 def _metadata(
-    store: Store, scene: str, attempts: Sequence[ExportedAttempt], shapes: Sequence[tuple[int, int, int]]
+    store: StudyStore, scene: str, attempts: Sequence[ExportedAttempt], shapes: Sequence[tuple[int, int, int]]
 ) -> dict[str, Any]:
     _, observed, acted = shapes[0]
     policies = dict.fromkeys(exported.trial.policy for exported in attempts)

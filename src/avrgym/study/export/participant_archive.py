@@ -10,27 +10,27 @@ from zipfile import ZIP_DEFLATED, ZipFile
 
 import msgspec
 
-from avrgym.study.export.codebook import COLUMNS_BY_TABLE, codebook_rows
-from avrgym.study.export.records import (
+from avrgym.study.export.codebook import COLUMNS_BY_TABLE, make_codebook_rows
+from avrgym.study.export.event_tables import (
     DEFAULT_EXPORT_OPTIONS,
     ExportOptions,
-    adverse_event_rows,
-    event_rows,
-    log_rows,
-    note_rows,
+    make_adverse_event_rows,
+    make_audit_log_rows,
+    make_event_rows,
+    make_note_rows,
 )
-from avrgym.study.export.rows import EventRow
-from avrgym.study.export.scores import scale_rows, uses_instruments
+from avrgym.study.export.exported_attempts import list_participant_attempts
+from avrgym.study.export.scores import make_scale_rows, uses_instruments
 from avrgym.study.export.table_files import write_csv
-from avrgym.study.export.tables import item_rows, participant_tables, write_consent_texts
-from avrgym.study.export.trials import attempts_of
+from avrgym.study.export.table_rows import EventRow
+from avrgym.study.export.tables import make_item_rows, make_participant_tables, write_consent_texts
 from avrgym.study.storage import identity_file
+from avrgym.study.storage.database_rows import RECORDINGS_FOLDER, Participant
 from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.remote_recordings import fetch_recordings
-from avrgym.study.storage.rows import RECORDINGS, Participant
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
-from avrgym.system.files import private_opener
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
+from avrgym.system.files import open_privately
 
 INDEX_FILE = "README.md"
 """File that lists the contents of the archive."""
@@ -60,7 +60,7 @@ FILE_DESCRIPTIONS: Mapping[str, str] = {
 """Description of each file in the archive, by file name, in the order of the index."""
 
 
-def write_participant_archive(store: Store, pseudonym: str, path: Path) -> int:
+def write_participant_archive(store: StudyStore, pseudonym: str, path: Path) -> int:
     """Write all data of one participant to a new ZIP archive. Returns the number of files.
 
     Only the user of this process can read the archive.
@@ -69,7 +69,7 @@ def write_participant_archive(store: Store, pseudonym: str, path: Path) -> int:
         StudyError: for an unknown participant, or if the file exists.
         OSError: if the archive cannot be written.
     """
-    person = store.participant(pseudonym)
+    person = store.read_participant(pseudonym)
     if path.exists():
         raise StudyError(f"{path} exists already; choose another file")
     fetch_recordings(store, pseudonym)
@@ -83,14 +83,14 @@ def write_participant_archive(store: Store, pseudonym: str, path: Path) -> int:
     return len(names)
 
 
-def _write(store: Store, person: Participant, folder: Path) -> None:
+def _write(store: StudyStore, person: Participant, folder: Path) -> None:
     """Write all files except the recordings and the index."""
     tables = _tables(store, person)
     for name, rows in tables.items():
         write_csv(folder / f"{name}.csv", rows, COLUMNS_BY_TABLE[name])
-    write_csv(folder / "codebook.csv", codebook_rows(list(tables), store.design))
+    write_csv(folder / "codebook.csv", make_codebook_rows(list(tables), store.design))
     write_consent_texts(store, folder)
-    named = person.pseudonym in identity_file.pseudonyms_with_identity(store.folder)
+    named = person.pseudonym in identity_file.read_pseudonyms_with_identity(store.folder)
     identity = identity_file.read_identities(store.folder)[person.pseudonym] if named else None
     contents: dict[str, Any] = {
         "identity": identity and msgspec.to_builtins(identity),
@@ -103,26 +103,26 @@ def _write(store: Store, person: Participant, folder: Path) -> None:
             (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
 
 
-def _tables(store: Store, person: Participant) -> dict[str, Iterable[Any]]:
-    attempts = list(attempts_of(store, person))
+def _tables(store: StudyStore, person: Participant) -> dict[str, Iterable[Any]]:
+    attempts = list(list_participant_attempts(store, person))
     completed = [each for each in attempts if each.attempt.state == "completed"]
     answered_items = AnsweredItems(store)
     heights = {each.attempt.id: each.attempt.torso_height_m for each in attempts}
     tables: dict[str, Iterable[Any]] = {
         name: _own(rows, person)
-        for name, rows in participant_tables(store, attempts, completed, heights, answered_items).items()
+        for name, rows in make_participant_tables(store, attempts, completed, heights, answered_items).items()
     }
-    everything, design = ExportOptions(free_text=True), answered_items.design
+    everything, design = ExportOptions(include_free_text=True), answered_items.design
     return {
         **tables,
-        "items": item_rows(design),
-        **({"scales": scale_rows(design)} if uses_instruments(design) else {}),
-        "events": _own(map(_without_others, event_rows(store, [person], everything)), person),
-        "notes": note_rows(store, [person]),
+        "items": make_item_rows(design),
+        **({"scales": make_scale_rows(design)} if uses_instruments(design) else {}),
+        "events": _own(map(_without_others, make_event_rows(store, [person], everything)), person),
+        "notes": make_note_rows(store, [person]),
         "adverse_events": [
-            replace(row, recorded_by=None) for row in adverse_event_rows(store, [person], everything)
+            replace(row, recorded_by=None) for row in make_adverse_event_rows(store, [person], everything)
         ],
-        "log": _own(log_rows(store, DEFAULT_EXPORT_OPTIONS), person),
+        "log": _own(make_audit_log_rows(store, DEFAULT_EXPORT_OPTIONS), person),
     }
 
 
@@ -134,13 +134,15 @@ def _without_others(row: EventRow) -> EventRow:
     return replace(row, detail=None) if row.name in EVENTS_WITH_OTHER_PSEUDONYMS else row
 
 
-def _pack(store: Store, person: Participant, folder: Path, archive: Path) -> list[str]:
+def _pack(store: StudyStore, person: Participant, folder: Path, archive: Path) -> list[str]:
     """Write index, files of a folder and recordings into the archive. Returns all file names."""
-    recordings = store.folder / RECORDINGS / person.pseudonym
+    recordings = store.folder / RECORDINGS_FOLDER / person.pseudonym
     files = {path.relative_to(folder).as_posix(): path for path in _files(folder)}
-    files |= {f"{RECORDINGS}/{path.relative_to(recordings).as_posix()}": path for path in _files(recordings)}
+    files |= {
+        f"{RECORDINGS_FOLDER}/{path.relative_to(recordings).as_posix()}": path for path in _files(recordings)
+    }
     index = _index(store, person, list(files))
-    with open(archive, "xb", opener=private_opener) as file, ZipFile(file, "w", ZIP_DEFLATED) as packed:
+    with open(archive, "xb", opener=open_privately) as file, ZipFile(file, "w", ZIP_DEFLATED) as packed:
         packed.writestr(INDEX_FILE, index)
         for name, path in files.items():
             packed.write(path, name)
@@ -151,7 +153,7 @@ def _files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
 
 
-def _index(store: Store, person: Participant, names: list[str]) -> str:
+def _index(store: StudyStore, person: Participant, names: list[str]) -> str:
     present = [
         (what, words)
         for what, words in FILE_DESCRIPTIONS.items()

@@ -14,9 +14,9 @@ from avrgym.recording.streams import (
     MessagesByTopic,
     SampleChunks,
     SampleTimes,
+    collect_stream_chunks,
+    collect_streams,
     correct_sample_times,
-    stream_chunks,
-    streams_by_name,
 )
 
 GAZE_STREAM_TYPE = "gaze"
@@ -42,10 +42,10 @@ TIME_CORRECTION_NOTE = (
 
 
 @dataclass(frozen=True, eq=False)
-class StreamSeries:
+class NumericStreamSamples:
     """Samples of one stream.
 
-    ``time_s``: times of samples (n,), from the first tracking frame. ``values``: samples (n, columns).
+    ``sample_times_s``: times of samples (n,), from the first tracking frame. ``sample_values``: samples (n, columns).
     ``column_names``: column names. ``channel_labels`` and ``channel_units``: the device's channel names and units.
     ``time_corrections``: description of time corrections; empty without corrections.
     """
@@ -54,19 +54,19 @@ class StreamSeries:
     column_names: Sequence[str]
     channel_labels: Sequence[str]
     channel_units: Sequence[str]
-    time_s: FloatArray
-    values: FloatArray
+    sample_times_s: FloatArray
+    sample_values: FloatArray
     time_corrections: Mapping[str, Any]
 
-    def rows(self) -> Iterator[list[float | None]]:
+    def make_sample_rows(self) -> Iterator[list[float | None]]:
         """Yields time (s) and values of each sample; values that are not finite become ``None``."""
-        for time_s, row in zip(self.time_s.tolist(), self.values.tolist(), strict=True):
+        for time_s, row in zip(self.sample_times_s.tolist(), self.sample_values.tolist(), strict=True):
             yield [time_s, *(value if isfinite(value) else None for value in row)]
 
-    def sidecar(self) -> dict[str, Any]:
+    def make_sidecar(self) -> dict[str, Any]:
         """Returns the contents of the BIDS sidecar: the JSON file that describes the samples."""
-        stream, lasted_s = self.stream, float(np.ptp(self.time_s))
-        came_hz = (len(self.time_s) - 1) / lasted_s if lasted_s > 0.0 else 0.0
+        stream, lasted_s = self.stream, float(np.ptp(self.sample_times_s))
+        came_hz = (len(self.sample_times_s) - 1) / lasted_s if lasted_s > 0.0 else 0.0
         is_gaze = tuple(self.column_names[:2]) == GAZE_COORDINATES
         about = {
             column: {"Description": f"{label} of {stream.device_name}", "Units": unit}
@@ -76,7 +76,7 @@ class StreamSeries:
         }
         return {
             "SamplingFrequency": stream.rate_hz or came_hz,
-            "StartTime": float(self.time_s[0]),
+            "StartTime": float(self.sample_times_s[0]),
             "Columns": ["timestamp", *self.column_names],
             **(EYE_TRACKING_FIELDS if is_gaze else {"PhysioType": "generic"}),
             "ManufacturersModelName": stream.device_name,
@@ -86,16 +86,16 @@ class StreamSeries:
         }
 
 
-def recorded_series(topics: MessagesByTopic, start_s: float) -> Iterator[StreamSeries]:
+def read_numeric_stream_samples(topics: MessagesByTopic, start_s: float) -> Iterator[NumericStreamSamples]:
     """Yields the samples of each numeric stream of a recording. ``start_s``: time of the first tracking frame."""
-    for name, stream in streams_by_name(topics).items():
-        chunks = [each for each in stream_chunks(topics, name) if each[1].values]
+    for name, stream in collect_streams(topics).items():
+        chunks = [each for each in collect_stream_chunks(topics, name) if each[1].values]
         if chunks:
             values = np.concatenate([np.array(chunk.values, float) for _, chunk in chunks])
             yield _series(stream, correct_sample_times(chunks, stream.rate_hz), start_s, values)
 
 
-def text_events(topics: MessagesByTopic) -> list[tuple[int, Event]]:
+def read_text_events(topics: MessagesByTopic) -> list[tuple[int, Event]]:
     """Returns the samples of text streams as events, with their times (ns). The event's name is the stream's name."""
     return [
         (round(time_s * 1e9), Event(name, ", ".join(texts)))
@@ -108,10 +108,10 @@ def text_events(topics: MessagesByTopic) -> list[tuple[int, Event]]:
     ]
 
 
-def text_stream_corrections(topics: MessagesByTopic, start_s: float) -> dict[str, Any]:
+def read_text_stream_time_corrections(topics: MessagesByTopic, start_s: float) -> dict[str, Any]:
     """Returns the time corrections of text streams, by stream name. Streams without corrections are omitted."""
     found = {
-        name: time_corrections(correct_sample_times(chunks, 0.0), start_s)
+        name: describe_time_corrections(correct_sample_times(chunks, 0.0), start_s)
         for name, chunks in _text_chunks(topics)
     }
     return {name: each for name, each in found.items() if each}
@@ -119,23 +119,23 @@ def text_stream_corrections(topics: MessagesByTopic, start_s: float) -> dict[str
 
 def _text_chunks(topics: MessagesByTopic) -> Iterator[tuple[str, SampleChunks]]:
     for name in dict.fromkeys(chunk.stream_name for _, chunk in topics["/samples"] if chunk.texts):
-        yield name, [each for each in stream_chunks(topics, name) if each[1].texts]
+        yield name, [each for each in collect_stream_chunks(topics, name) if each[1].texts]
 
 
-def time_corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
+def describe_time_corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
     """Returns the description of a stream's time corrections for the sidecar; empty without corrections."""
-    if not times.resets and not times.num_corrected_samples:
+    if not times.clock_resets and not times.num_corrected_samples:
         return {}
     return {
         "Correction": TIME_CORRECTION_NOTE,
         "ClockResets": [
-            {"Onset": reset.time_s - start_s, "JumpInSeconds": reset.jump_s} for reset in times.resets
+            {"Onset": reset.time_s - start_s, "JumpInSeconds": reset.jump_s} for reset in times.clock_resets
         ],
         "SamplesRaised": times.num_corrected_samples,
     }
 
 
-def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArray) -> StreamSeries:
+def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArray) -> NumericStreamSamples:
     """Returns the samples with columns in the device's order. Gaze coordinates are the first columns."""
     channels = range(values.shape[1])
     labels = [_at(stream.channels, channel, f"channel_{channel + 1}") for channel in channels]
@@ -149,14 +149,14 @@ def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArr
                 *(i for i in column_order if i not in first),
             ]
             names = {**names, **dict(zip(column_order, GAZE_COORDINATES, strict=False))}
-    return StreamSeries(
+    return NumericStreamSamples(
         stream,
         [names[i] for i in column_order],
         [labels[i] for i in column_order],
         [_at(stream.units, i, "n/a") for i in column_order],
         times.time_s - start_s,
         values[:, column_order],
-        time_corrections(times, start_s),
+        describe_time_corrections(times, start_s),
     )
 
 

@@ -15,19 +15,19 @@ import h5py
 import numpy as np
 
 from avrgym.study.export import PRIVACY_NOTICE
-from avrgym.study.export.trials import ExportedAttempt, group_by_scene
-from avrgym.study.storage.store import Store
+from avrgym.study.export.exported_attempts import ExportedAttempt, group_by_scene
+from avrgym.study.storage.store import StudyStore
 
-ENV_TYPE_GYM = 2
+GYM_ENV_TYPE = 2
 """Environment type of Gym environments in robomimic."""
-ENV_MODULE = "old_gym"
+GYM_ENV_MODULE = "old_gym"
 """Module that Gym imports before it creates an environment."""
-OBSERVATION, OBSERVATION_ALIAS = "observation", "flat"
+OBSERVATION_KEY, OBSERVATION_ALIAS_KEY = "observation", "flat"
 """Names of the observation in a file."""
 
 
 def write(
-    store: Store, completed: Sequence[ExportedAttempt], folder: Path, cameras: Sequence[str] = ()
+    store: StudyStore, completed: Sequence[ExportedAttempt], folder: Path, cameras: Sequence[str] = ()
 ) -> None:
     """Write completed attempts as robomimic files into a folder. ``cameras``: see ``export_study``."""
     (folder / "README.txt").write_text(PRIVACY_NOTICE + "\n", encoding="utf-8")
@@ -40,7 +40,7 @@ def _write_file(file: h5py.File, attempts: Sequence[ExportedAttempt], cameras: S
     data = file.create_group("data")
     environment = attempts[0].trial.environment
     data.attrs["env_args"] = json.dumps(
-        {"env_name": f"{ENV_MODULE}:{environment}", "type": ENV_TYPE_GYM, "env_kwargs": {}}
+        {"env_name": f"{GYM_ENV_MODULE}:{environment}", "type": GYM_ENV_TYPE, "env_kwargs": {}}
     )
     data.attrs["notice"] = PRIVACY_NOTICE
     data.attrs["total"] = sum(
@@ -75,9 +75,9 @@ def _masks(attempts: Sequence[ExportedAttempt]) -> dict[str, list[bool]]:
 
 def _write_demonstration(group: h5py.Group, exported: ExportedAttempt, cameras: Sequence[str]) -> int:
     """Write one attempt as a demonstration. Returns the number of samples."""
-    steps = [control for _, control in exported.control_steps()]
+    steps = [control for _, control in exported.read_control_steps()]
     observations = np.array([control.observation for control in steps])
-    for name, value in vars(exported.identifiers()).items():
+    for name, value in vars(exported.make_identifiers()).items():
         group.attrs[name] = "" if value is None else value
     group.attrs["seed"] = exported.trial.seed
     group.attrs["num_samples"] = len(steps)
@@ -85,11 +85,11 @@ def _write_demonstration(group: h5py.Group, exported: ExportedAttempt, cameras: 
     group["rewards"] = np.array([control.reward for control in steps])
     group["dones"] = np.arange(1, len(steps) + 1) == len(steps)
     group["success"] = np.array([control.success for control in steps])
-    group[f"obs/{OBSERVATION}"] = observations
-    group[f"next_obs/{OBSERVATION}"] = np.concatenate([observations[1:], observations[-1:]])
+    group[f"obs/{OBSERVATION_KEY}"] = observations
+    group[f"next_obs/{OBSERVATION_KEY}"] = np.concatenate([observations[1:], observations[-1:]])
     for name, images in exported.render_images(cameras).items():
         group[f"obs/{name}"] = images
         group[f"next_obs/{name}"] = np.concatenate([images[1:], images[-1:]])
     for place in ("obs", "next_obs"):
-        group[f"{place}/{OBSERVATION_ALIAS}"] = group[f"{place}/{OBSERVATION}"]
+        group[f"{place}/{OBSERVATION_ALIAS_KEY}"] = group[f"{place}/{OBSERVATION_KEY}"]
     return len(steps)

@@ -5,16 +5,16 @@ from dataclasses import dataclass, replace
 
 import msgspec
 
-from avrgym.commands.respondents import PROXY
+from avrgym.commands.respondents import PROXY_RESPONDENT
 from avrgym.questionnaires.instrument import Instrument
 from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design.design import Design
-from avrgym.study.export.rows import ScaleRow, ScoreRow
-from avrgym.study.export.trials import ExportedAnswer
-from avrgym.study.storage.answers import session_ids_of_visit
+from avrgym.study.export.exported_attempts import ExportedAnswer
+from avrgym.study.export.table_rows import ScaleRow, ScoreRow
+from avrgym.study.storage.answers import find_session_ids_of_visit
+from avrgym.study.storage.database_rows import Participant, StudySession
 from avrgym.study.storage.item_versions import AnsweredItems
-from avrgym.study.storage.rows import Participant, StudySession
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 
 AnswerTimeKey = tuple[int, int, str]
 """Time of answers: attempt id (0 without an attempt), session id, and moment (one of ``QUESTION_MOMENTS``)."""
@@ -35,16 +35,16 @@ class Score:
 
     @property
     def _respondent(self) -> str:
-        """``PROXY`` if a proxy gave at least one answer; otherwise the respondent of the last answer."""
-        given = [answer.stored_answer.answered_by for answer in self.answers]
-        return PROXY if PROXY in given else given[-1]
+        """``PROXY_RESPONDENT`` if a proxy gave at least one answer; otherwise the respondent of the last answer."""
+        given = [answer.stored_answer.effective_respondent for answer in self.answers]
+        return PROXY_RESPONDENT if PROXY_RESPONDENT in given else given[-1]
 
     def to_row(self) -> ScoreRow:
         """Returns this score as a row of the table ``scores``."""
-        minimum, maximum = self.instrument.score_range(self.scale_name)
-        items = self.instrument.items_of(self.scale_name)
+        minimum, maximum = self.instrument.compute_score_range(self.scale_name)
+        items = self.instrument.list_item_ids(self.scale_name)
         return ScoreRow(
-            **vars(replace(self.answers[-1].identifiers(), respondent=self._respondent)),
+            **vars(replace(self.answers[-1].make_identifiers(), respondent=self._respondent)),
             instrument=self.instrument.name,
             scale=self.scale_name,
             score=self.value,
@@ -55,8 +55,11 @@ class Score:
         )
 
 
-def scores_of(
-    store: Store, participant: Participant, answers: Sequence[ExportedAnswer], answered_items: AnsweredItems
+def compute_scores(
+    store: StudyStore,
+    participant: Participant,
+    answers: Sequence[ExportedAnswer],
+    answered_items: AnsweredItems,
 ) -> list[Score]:
     """Returns all scores of a participant, in the order of their answers.
 
@@ -64,7 +67,7 @@ def scores_of(
     Weights are read from the design. A design without weights uses the participant's answers to the weighting
     questionnaire at the same time, or the latest ones.
     """
-    sessions = store.sessions(participant.pseudonym)
+    sessions = store.read_sessions(participant.pseudonym)
     answers_by_questionnaire: dict[tuple[str, AnswerTimeKey], list[ExportedAnswer]] = {}
     for answer in answers:
         if _is_of_instrument(answer):
@@ -85,28 +88,28 @@ def scores_of(
     ]
 
 
-def scale_rows(design: Design) -> Iterator[ScaleRow]:
+def make_scale_rows(design: Design) -> Iterator[ScaleRow]:
     """Yields a row for each scale of the design's validated questionnaires."""
     for questionnaire in design.questionnaires:
         instrument = questionnaire.instrument
         for name in instrument.scale_names if instrument else ():
             assert instrument is not None
             scale = next((each for each in instrument.scales if each.name == name), None)
-            minimum, maximum = instrument.score_range(name)
+            minimum, maximum = instrument.compute_score_range(name)
             yield ScaleRow(
                 questionnaire=questionnaire.name,
                 instrument=instrument.name,
                 title=instrument.title,
                 scale=name,
-                function=scale.function if scale else "weighted mean",
-                factor=scale.factor if scale else 1.0,
-                reversed=", ".join(scale.reversed_items) if scale else "",
-                offset=scale.item_offset if scale else 0,
-                items=", ".join(scale.items if scale else instrument.items_of(name)),
+                function=scale.aggregation if scale else "weighted mean",
+                factor=scale.score_factor if scale else 1.0,
+                reversed=", ".join(scale.reversed_item_ids) if scale else "",
+                offset=scale.item_value_offset if scale else 0,
+                items=", ".join(scale.item_ids if scale else instrument.list_item_ids(name)),
                 minimum=minimum,
                 maximum=maximum,
                 missing=instrument.missing_answer_rule,
-                source=instrument.source,
+                source=instrument.citation,
                 licence=instrument.licence,
             )
 
@@ -125,7 +128,7 @@ def _is_of_instrument(answer: ExportedAnswer) -> bool:
 def _moment(answer: ExportedAnswer, sessions: Sequence[StudySession]) -> AnswerTimeKey:
     if answer.stored_answer.attempt is not None:
         return answer.stored_answer.attempt, answer.stored_answer.session, answer.moment
-    return 0, session_ids_of_visit(sessions, answer.stored_answer.session)[0], answer.moment
+    return 0, find_session_ids_of_visit(sessions, answer.stored_answer.session)[0], answer.moment
 
 
 def _scores(
@@ -151,7 +154,7 @@ def _weights(
     weighting = questionnaire.instrument.weighting if questionnaire.instrument else None
     if weighting is None:
         return None
-    sources = [each for each in design.questionnaires if each.use == weighting.weights_instrument]
+    sources = [each for each in design.questionnaires if each.use == weighting.weights_instrument_name]
     whole = {
         when: weights
         for source in sources

@@ -21,7 +21,7 @@ def write_csv(path: Path, rows: Iterable[Any], columns: Iterable[str] = ()) -> N
     heading = list(columns)
     with open_new_csv(path) as file:
         writer = csv.writer(file)
-        for number, row in enumerate(map(row_values, rows)):
+        for number, row in enumerate(map(extract_row_values, rows)):
             if number == 0:
                 heading = []
                 writer.writerow(row)
@@ -30,7 +30,7 @@ def write_csv(path: Path, rows: Iterable[Any], columns: Iterable[str] = ()) -> N
             writer.writerow(heading)
 
 
-def row_values(row: object) -> Mapping[str, Any]:
+def extract_row_values(row: object) -> Mapping[str, Any]:
     """Returns the values of a row, by column name."""
     return row if is_table(row) else vars(row)
 
@@ -39,10 +39,10 @@ def write_tsv(path: Path, rows: Iterable[Sequence[Any]]) -> None:
     """Write a new file of tab-separated values (TSV). A missing value becomes ``n/a``."""
     with open(path, "x", encoding="utf-8", newline="") as file:
         for row in rows:
-            file.write("\t".join(tsv_cell(value) for value in row) + "\n")
+            file.write("\t".join(format_tsv_cell(value) for value in row) + "\n")
 
 
-def tsv_cell(value: Any) -> str:
+def format_tsv_cell(value: Any) -> str:
     """Returns a value as text without tabs and line breaks; ``n/a`` for ``None`` and empty text."""
     text = " ".join(str(escape_formula(value)).split()) if value is not None else ""
     return text or "n/a"

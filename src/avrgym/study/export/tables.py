@@ -14,62 +14,78 @@ from avrgym.study.export.codebook import (
     COLUMNS_BY_TABLE,
     EVENT_AND_NOTE_TABLES,
     INSTRUMENT_TABLES,
-    codebook_rows,
-    max_action_size,
-    reward_terms,
+    compute_max_action_size,
+    list_reward_terms,
+    make_codebook_rows,
 )
-from avrgym.study.export.records import DEFAULT_EXPORT_OPTIONS, ExportOptions, event_and_note_tables, log_rows
-from avrgym.study.export.rows import AttemptRow, ConsentRow, ControlStepRow, ItemRow, ParticipantRow, TrialRow
-from avrgym.study.export.scores import scale_rows, scores_of, uses_instruments
+from avrgym.study.export.event_tables import (
+    DEFAULT_EXPORT_OPTIONS,
+    ExportOptions,
+    make_audit_log_rows,
+    make_event_and_note_tables,
+)
+from avrgym.study.export.exported_attempts import ExportedAttempt, list_all_attempts, list_participant_answers
+from avrgym.study.export.scores import compute_scores, make_scale_rows, uses_instruments
 from avrgym.study.export.table_files import write_csv
-from avrgym.study.export.trials import ExportedAttempt, all_attempts, answers_of
+from avrgym.study.export.table_rows import (
+    AttemptRow,
+    ConsentRow,
+    ControlStepRow,
+    ItemRow,
+    ParticipantRow,
+    TrialRow,
+)
+from avrgym.study.storage.database_rows import ConsentText
 from avrgym.study.storage.item_versions import AnsweredItems
-from avrgym.study.storage.rows import ConsentText
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 
 CONSENT_TEXTS_FOLDER = "consent_texts"
 """Folder of the consent texts in an export."""
-CHECKSUM_DIGITS = 12
+CHECKSUM_DIGIT_COUNT = 12
 """Number of checksum digits in the file name of a consent text."""
 TorsoHeightByAttempt = Mapping[int, float | None]
 """Torso heights (m), by attempt id."""
 
 
 def write(
-    store: Store,
+    store: StudyStore,
     completed: Sequence[ExportedAttempt],
     folder: Path,
     extras: ExportOptions = DEFAULT_EXPORT_OPTIONS,
 ) -> None:
-    """Write all tables of a study as CSV into a folder. ``completed``: attempts for the table ``control_steps``."""
+    """Write all tables of a study as CSV into a folder. ``completed``: attempts for the table
+    ``read_control_steps``.
+    """
     (folder / "README.txt").write_text(PRIVACY_NOTICE + "\n", encoding="utf-8")
-    attempts = list(all_attempts(store))
-    heights: TorsoHeightByAttempt = {exported.attempt.id: exported.torso_height_m() for exported in completed}
+    attempts = list(list_all_attempts(store))
+    heights: TorsoHeightByAttempt = {
+        exported.attempt.id: exported.read_torso_height_m() for exported in completed
+    }
     answered_items = AnsweredItems(store)
-    for name, rows in participant_tables(store, attempts, completed, heights, answered_items).items():
+    for name, rows in make_participant_tables(store, attempts, completed, heights, answered_items).items():
         write_csv(folder / f"{name}.csv", rows)
     write_consent_texts(store, folder)
-    write_csv(folder / "items.csv", item_rows(answered_items.design))
-    records = event_and_note_tables(store, extras)
+    write_csv(folder / "items.csv", make_item_rows(answered_items.design))
+    records = make_event_and_note_tables(store, extras)
     for name, rows in records.items():
         write_csv(folder / f"{name}.csv", rows, COLUMNS_BY_TABLE[name])
     absent = {"left_out", *EVENT_AND_NOTE_TABLES} - set(records)
     if uses_instruments(answered_items.design):
-        write_csv(folder / "scales.csv", scale_rows(answered_items.design))
+        write_csv(folder / "scales.csv", make_scale_rows(answered_items.design))
     else:
         absent |= set(INSTRUMENT_TABLES)
-    if store.audit_log():
-        write_csv(folder / "log.csv", log_rows(store, extras))
+    if store.read_audit_log():
+        write_csv(folder / "log.csv", make_audit_log_rows(store, extras))
     else:
         absent |= {"log"}
     write_csv(folder / "control_steps.csv", _control_steps(store, completed))
     tables = [table for table in COLUMNS_BY_TABLE if table not in absent]
-    write_csv(folder / "codebook.csv", codebook_rows(tables, store.design))
+    write_csv(folder / "codebook.csv", make_codebook_rows(tables, store.design))
 
 
-def participant_tables(
-    store: Store,
+def make_participant_tables(
+    store: StudyStore,
     attempts: list[ExportedAttempt],
     completed: Sequence[ExportedAttempt],
     heights: TorsoHeightByAttempt,
@@ -81,21 +97,24 @@ def participant_tables(
     """
     tables: dict[str, Iterable[Any]] = {
         "participants": _participants(store, _median_heights(completed, heights)),
-        "consents": consent_rows(store),
+        "consents": make_consent_rows(store),
         "trials": _trials(store, attempts),
         "attempts": (_attempt(exported, heights) for exported in attempts),
         "answers": (
             answer.to_row()
-            for participant in store.participants()
-            for answer in answers_of(store, participant, attempts, answered_items)
+            for participant in store.read_participants()
+            for answer in list_participant_answers(store, participant, attempts, answered_items)
         ),
     }
     if uses_instruments(answered_items.design):
         tables["scores"] = (
             score.to_row()
-            for participant in store.participants()
-            for score in scores_of(
-                store, participant, answers_of(store, participant, attempts, answered_items), answered_items
+            for participant in store.read_participants()
+            for score in compute_scores(
+                store,
+                participant,
+                list_participant_answers(store, participant, attempts, answered_items),
+                answered_items,
             )
         )
     return tables
@@ -111,11 +130,11 @@ def _median_heights(completed: Sequence[ExportedAttempt], heights: TorsoHeightBy
     return {pseudonym: median(values) for pseudonym, values in heights_by_participant.items()}
 
 
-def item_rows(design: Design) -> Iterator[ItemRow]:
+def make_item_rows(design: Design) -> Iterator[ItemRow]:
     """Yields a row for each item of the design's questionnaires."""
     for questionnaire in design.questionnaires:
         for item in questionnaire.items:
-            scale = questionnaire.scale_of(item)
+            scale = questionnaire.find_response_scale(item)
             yield ItemRow(
                 questionnaire=questionnaire.name,
                 when=", ".join(questionnaire.moments),
@@ -130,17 +149,17 @@ def item_rows(design: Design) -> Iterator[ItemRow]:
             )
 
 
-def consent_rows(store: Store) -> Iterator[ConsentRow]:
+def make_consent_rows(store: StudyStore) -> Iterator[ConsentRow]:
     """Yields a row for each decision of each participant about a consent text, in order."""
-    files = {archived.sha256: _consent_file(archived) for archived in store.consent_texts()}
-    for participant in store.participants():
-        for number, each in enumerate(store.consents(participant.pseudonym), start=1):
+    files = {archived.sha256: _consent_file(archived) for archived in store.read_consent_texts()}
+    for participant in store.read_participants():
+        for number, each in enumerate(store.read_consents(participant.pseudonym), start=1):
             yield ConsentRow(
                 participant=participant.pseudonym,
                 site=participant.site,
                 simulated=participant.simulated,
                 decision=number,
-                role=each.consent_role,
+                role=each.consenter_role,
                 agreed=each.agreed,
                 version=each.version,
                 language=each.language,
@@ -150,24 +169,24 @@ def consent_rows(store: Store) -> Iterator[ConsentRow]:
             )
 
 
-def write_consent_texts(store: Store, folder: Path) -> None:
+def write_consent_texts(store: StudyStore, folder: Path) -> None:
     """Write each stored consent text to a file. The file name contains the text's checksum."""
-    for archived in store.consent_texts():
+    for archived in store.read_consent_texts():
         path = folder / _consent_file(archived)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(archived.text.encode())
 
 
 def _consent_file(archived: ConsentText) -> str:
-    return f"{CONSENT_TEXTS_FOLDER}/{archived.language}-{archived.sha256[:CHECKSUM_DIGITS]}.txt"
+    return f"{CONSENT_TEXTS_FOLDER}/{archived.language}-{archived.sha256[:CHECKSUM_DIGIT_COUNT]}.txt"
 
 
-def _participants(store: Store, heights: Mapping[str, float]) -> Iterator[ParticipantRow]:
-    for participant in store.participants():
+def _participants(store: StudyStore, heights: Mapping[str, float]) -> Iterator[ParticipantRow]:
+    for participant in store.read_participants():
         yield ParticipantRow(
             participant=participant.pseudonym,
             site=participant.site,
-            site_participant=participant.site_pseudonym,
+            site_participant=participant.pseudonym_at_site,
             simulated=participant.simulated,
             state=participant.state,
             sex=participant.sex,
@@ -180,12 +199,12 @@ def _participants(store: Store, heights: Mapping[str, float]) -> Iterator[Partic
         )
 
 
-def _trials(store: Store, attempts: list[ExportedAttempt]) -> Iterator[TrialRow]:
+def _trials(store: StudyStore, attempts: list[ExportedAttempt]) -> Iterator[TrialRow]:
     attempts_of_trial: dict[int, list[ExportedAttempt]] = defaultdict(list)
     for exported in attempts:
         attempts_of_trial[exported.trial.id].append(exported)
-    for participant in store.participants():
-        for trial in store.trials(participant.pseudonym):
+    for participant in store.read_participants():
+        for trial in store.read_trials(participant.pseudonym):
             own = attempts_of_trial[trial.id]
             completed = [exported.attempt for exported in own if exported.attempt.state == "completed"]
             yield TrialRow(
@@ -206,7 +225,7 @@ def _trials(store: Store, attempts: list[ExportedAttempt]) -> Iterator[TrialRow]
 def _attempt(exported: ExportedAttempt, heights: TorsoHeightByAttempt) -> AttemptRow:
     attempt = exported.attempt
     return AttemptRow(
-        **vars(exported.identifiers()),
+        **vars(exported.make_identifiers()),
         state=attempt.state,
         started_at=attempt.started_at,
         ended_at=attempt.ended_at,
@@ -218,11 +237,11 @@ def _attempt(exported: ExportedAttempt, heights: TorsoHeightByAttempt) -> Attemp
     )
 
 
-def _control_steps(store: Store, completed: Sequence[ExportedAttempt]) -> Iterator[dict[str, Any]]:
-    terms, joints = reward_terms(store.design), range(max_action_size(store.design))
+def _control_steps(store: StudyStore, completed: Sequence[ExportedAttempt]) -> Iterator[dict[str, Any]]:
+    terms, joints = list_reward_terms(store.design), range(compute_max_action_size(store.design))
     for exported in completed:
-        labels = vars(exported.identifiers())
-        for time_s, control in exported.control_steps():
+        labels = vars(exported.make_identifiers())
+        for time_s, control in exported.read_control_steps():
             unknown = set(control.reward_terms) - set(terms)
             if unknown:
                 raise StudyError(

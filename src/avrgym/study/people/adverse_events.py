@@ -12,13 +12,13 @@ from datetime import UTC, datetime, timedelta
 import msgspec
 
 from avrgym.study.storage import hash_chain, schema
+from avrgym.study.storage.database_rows import AdverseEventReport, Trial
 from avrgym.study.storage.free_text import check_note, check_single_line
-from avrgym.study.storage.rows import AdverseEventReport, Trial
-from avrgym.study.storage.schema import utc_timestamp
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_participant, find_row, record_event
+from avrgym.study.storage.schema import make_utc_timestamp
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore, find_participant, find_row, record_event
 
-SEVERITIES = ("mild", "moderate", "severe", "life-threatening", "fatal")
+ADVERSE_EVENT_SEVERITIES = ("mild", "moderate", "severe", "life-threatening", "fatal")
 SERIOUSNESS_CRITERIA = (
     "not serious",
     "other medically important",
@@ -37,14 +37,14 @@ ADVERSE_EVENT_OUTCOMES = (
     "fatal",
     "unknown",
 )
-RATING_SCALES = {
-    "severity": SEVERITIES,
+ADVERSE_EVENT_RATING_SCALES = {
+    "severity": ADVERSE_EVENT_SEVERITIES,
     "seriousness": SERIOUSNESS_CRITERIA,
     "relatedness": RELATEDNESS_GRADES,
     "outcome": ADVERSE_EVENT_OUTCOMES,
 }
 """Allowed values of each rating scale."""
-RATING_SCALE_SOURCES = (
+ADVERSE_EVENT_SCALE_SOURCES = (
     "Severity: grades 1 to 5 of CTCAE 5.0 (NCI, 2017). Seriousness: criteria of ICH E2A (1994). Relatedness: "
     "attribution of NCI's CTEP. Outcome: ICH E2B(R3). Severity is the intensity of an event; seriousness depends on "
     "its consequences."
@@ -99,7 +99,7 @@ class SafetyEvent:
 
 
 def record_adverse_event(
-    store: Store,
+    store: StudyStore,
     pseudonym: str,
     report: AdverseEventDetails,
     *,
@@ -136,11 +136,11 @@ def record_adverse_event(
                 connection, AdverseEventReport, f"adverse event {follows} of {pseudonym}", id=follows, **own
             )
             follows = first.follows or first.id
-        row = hash_chain.insert(
+        row = hash_chain.insert_row(
             connection,
             schema.ADVERSE_EVENT_TABLE,
             **msgspec.structs.asdict(report) | own | {"trial": trial, "began_at": _utc(report.began_at)},
-            recorded_at=utc_timestamp(),
+            recorded_at=make_utc_timestamp(),
             recorded_by=recorded_by or None,
             follows=follows,
         )
@@ -157,18 +157,18 @@ def group_reports_by_event(reports: Iterable[AdverseEventReport]) -> list[Advers
     return [AdverseEventHistory(tuple(own)) for own in events.values()]
 
 
-def safety_events(store: Store, pseudonym: str) -> Iterator[SafetyEvent]:
+def list_safety_events(store: StudyStore, pseudonym: str) -> Iterator[SafetyEvent]:
     """Yields the safety events of a participant's sessions. The experimenter decides which are adverse events."""
-    number = store.participant(pseudonym).number
-    positions = {trial.id: trial.position for trial in store.trials(pseudonym)}
-    trials = {attempt.id: positions[attempt.trial] for attempt in store.attempts(pseudonym)}
-    for event in store.events():
+    number = store.read_participant(pseudonym).number
+    positions = {trial.id: trial.position for trial in store.read_trials(pseudonym)}
+    trials = {attempt.id: positions[attempt.trial] for attempt in store.read_attempts(pseudonym)}
+    for event in store.read_events():
         if event.participant == number and event.name in SAFETY_EVENT_NAMES:
             yield SafetyEvent(event.recorded_at, trials.get(event.attempt or 0), event.name, event.detail)
 
 
 def _check(report: AdverseEventDetails) -> None:
-    for name, scale in RATING_SCALES.items():
+    for name, scale in ADVERSE_EVENT_RATING_SCALES.items():
         if getattr(report, name) not in scale:
             raise StudyError(f"unknown {name} {getattr(report, name)!r}; allowed: {', '.join(scale)}")
     check_note(report.description, "the description")

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import msgspec
 import sqlalchemy as sa
 
-from avrgym.commands.respondents import PARTICIPANT
+from avrgym.commands.respondents import PARTICIPANT_RESPONDENT
 from avrgym.recording.configuration import RecordedConsent
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.rows import ConsentRecord, ConsentText, Participant, pseudonym_of
-from avrgym.study.storage.schema import utc_timestamp
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_rows
+from avrgym.study.storage.database_rows import ConsentRecord, ConsentText, Participant, format_pseudonym
+from avrgym.study.storage.schema import make_utc_timestamp
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore, find_rows
 from avrgym.texts.interface_texts import InvalidTextsError, normalize_whitespace, read_texts
 
 
@@ -31,7 +31,7 @@ class DisplayedConsentText:
         return hashlib.sha256(self.text.encode()).hexdigest()
 
 
-def consents_to_other_texts(
+def find_consents_to_other_texts(
     shown: DisplayedConsentText,
     consents: Iterable[ConsentRecord],
     archive: Iterable[ConsentText],
@@ -69,14 +69,16 @@ def store_consent(
         StudyError: if a participant read another text with the same version and language.
     """
     archive = find_rows(connection, ConsentText)
-    others = consents_to_other_texts(shown, find_rows(connection, ConsentRecord), archive, first_language)
+    others = find_consents_to_other_texts(
+        shown, find_rows(connection, ConsentRecord), archive, first_language
+    )
     if others:
         raise StudyError(
-            f"{consenting_pseudonyms_text(others)} read another consent text with version {shown.version} "
+            f"{format_consenting_pseudonyms(others)} read another consent text with version {shown.version} "
             f"({shown.language}): increase version under [consent] in study.toml, or restore their text"
         )
-    at, sha256 = utc_timestamp(), _archived(connection, shown, archive)
-    stored_role = None if role == PARTICIPANT else role
+    at, sha256 = make_utc_timestamp(), _archived(connection, shown, archive)
+    stored_role = None if role == PARTICIPANT_RESPONDENT else role
     row = {
         "decided_at": at,
         "agreed": agreed,
@@ -84,7 +86,7 @@ def store_consent(
         "language": shown.language,
         "sha256": sha256,
     }
-    key = hash_chain.insert(
+    key = hash_chain.insert_row(
         connection, schema.CONSENT_TABLE, participant=participant.number, role=stored_role, **row
     )
     return ConsentRecord(
@@ -97,12 +99,12 @@ def is_consent_complete(decision: ConsentRecord, others: Iterable[ConsentRecord]
 
     The consent of a proxy needs the participant's assent, and the assent needs the consent of a proxy.
     """
-    missing = {"proxy": "assent", "assent": "proxy"}.get(decision.consent_role)
+    missing = {"proxy": "assent", "assent": "proxy"}.get(decision.consenter_role)
     latest = [each for each in others if each.role == missing and each.version == decision.version]
     return decision.agreed and (missing is None or (bool(latest) and latest[-1].agreed))
 
 
-def missing_consent_role(consents: Sequence[ConsentRecord], version: str) -> str:
+def find_missing_consent_role(consents: Sequence[ConsentRecord], version: str) -> str:
     """Returns the role that is missing (``proxy`` or ``assent``) if only the other role agreed to a version.
 
     Returns an empty text in all other cases.
@@ -115,11 +117,13 @@ def missing_consent_role(consents: Sequence[ConsentRecord], version: str) -> str
 def describe_consent(consent: ConsentRecord) -> str:
     """Returns a decision as text, without its time."""
     who = {"proxy": "consent of a representative", "assent": "assent of the participant"}
-    named = who.get(consent.consent_role, "consent of the participant")
+    named = who.get(consent.consenter_role, "consent of the participant")
     return f"{named}, version {consent.version}: {'yes' if consent.agreed else 'no'}"
 
 
-def latest_consent(consents: Iterable[ConsentRecord], *, of_proxy: bool = False) -> RecordedConsent | None:
+def find_latest_consent(
+    consents: Iterable[ConsentRecord], *, of_proxy: bool = False
+) -> RecordedConsent | None:
     """Returns the latest consent in the format of recordings; ``None`` without consent.
 
     ``of_proxy``: return the consent of a representative; otherwise the participant's own consent or assent.
@@ -132,7 +136,7 @@ def latest_consent(consents: Iterable[ConsentRecord], *, of_proxy: bool = False)
 
 
 def restore_consents(
-    store: Store, connection: sa.Connection, participant_number: int, recorded: Iterable[RecordedConsent]
+    store: StudyStore, connection: sa.Connection, participant_number: int, recorded: Iterable[RecordedConsent]
 ) -> None:
     """Insert a participant's recorded consents in order of time, and store the latest one in the participant's row.
 
@@ -141,7 +145,7 @@ def restore_consents(
     consents = {each.decided_at: each for each in recorded}
     for _, each in sorted(consents.items()):
         values = msgspec.structs.asdict(each)
-        hash_chain.insert(
+        hash_chain.insert_row(
             connection, schema.CONSENT_TABLE, participant=participant_number, agreed=True, **values
         )
         row = {
@@ -149,13 +153,13 @@ def restore_consents(
             "consent_version": each.version,
             "consent_sha256": each.sha256,
         }
-        hash_chain.update(connection, schema.PARTICIPANT_TABLE, participant_number, **row)
-        shown = current_consent_text(store, each.language or "")
+        hash_chain.update_row(connection, schema.PARTICIPANT_TABLE, participant_number, **row)
+        shown = read_current_consent_text(store, each.language or "")
         if shown and (shown.version, shown.sha256) == (each.version, each.sha256):
             _archived(connection, shown, find_rows(connection, ConsentText))
 
 
-def current_consent_text(store: Store, language: str) -> DisplayedConsentText | None:
+def read_current_consent_text(store: StudyStore, language: str) -> DisplayedConsentText | None:
     """Returns the design's consent text in a language; ``None`` if the language has no texts."""
     consent = store.design.consent
     try:
@@ -165,9 +169,9 @@ def current_consent_text(store: Store, language: str) -> DisplayedConsentText | 
     return DisplayedConsentText(consent.version, language, text)
 
 
-def consenting_pseudonyms_text(consents: Iterable[ConsentRecord]) -> str:
+def format_consenting_pseudonyms(consents: Iterable[ConsentRecord]) -> str:
     """Returns the pseudonyms of the participants with these consents, as text without duplicates."""
-    return ", ".join(pseudonym_of(number) for number in sorted({each.participant for each in consents}))
+    return ", ".join(format_pseudonym(number) for number in sorted({each.participant for each in consents}))
 
 
 def _archived(connection: sa.Connection, shown: DisplayedConsentText, archive: Iterable[ConsentText]) -> str:
@@ -177,7 +181,7 @@ def _archived(connection: sa.Connection, shown: DisplayedConsentText, archive: I
         if same_use and normalize_whitespace(kept.text) == normalize_whitespace(shown.text):
             return kept.sha256
     row = {"version": shown.version, "language": shown.language, "text": shown.text}
-    hash_chain.insert(
-        connection, schema.CONSENT_TEXT_TABLE, first_used_at=utc_timestamp(), sha256=shown.sha256, **row
+    hash_chain.insert_row(
+        connection, schema.CONSENT_TEXT_TABLE, first_used_at=make_utc_timestamp(), sha256=shown.sha256, **row
     )
     return shown.sha256

@@ -4,15 +4,15 @@ import msgspec
 
 from avrgym.study.design.functioning import (
     ASSISTIVE_DEVICES,
-    DECLINED,
+    DECLINED_ANSWER,
     DIFFICULTY_LEVELS,
     FUNCTIONING_QUESTIONS,
-    NONE,
+    NONE_ANSWER,
 )
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.free_text import check_single_line
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_participant, record_event
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore, find_participant, record_event
 
 
 class FunctioningAnswers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -23,7 +23,7 @@ class FunctioningAnswers(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     diagnosis: str = ""
 
 
-def record_functioning(store: Store, pseudonym: str, answers: FunctioningAnswers) -> None:
+def record_functioning_answers(store: StudyStore, pseudonym: str, answers: FunctioningAnswers) -> None:
     """Store a participant's answers. They replace earlier answers.
 
     Raises:
@@ -42,14 +42,15 @@ def record_functioning(store: Store, pseudonym: str, answers: FunctioningAnswers
         if participant.consented_at is None:
             raise StudyError(f"{pseudonym} has not consented; record the consent first")
         given = msgspec.to_builtins(answers)
-        hash_chain.update(connection, schema.PARTICIPANT_TABLE, participant.number, functioning=given)
+        hash_chain.update_row(connection, schema.PARTICIPANT_TABLE, participant.number, functioning=given)
         record_event(connection, "functioning recorded", "", {"participant": participant.number})
 
 
 def _check(answers: FunctioningAnswers) -> None:
     if set(answers.levels) != set(FUNCTIONING_QUESTIONS):
         raise StudyError(
-            f"each question needs an answer or {DECLINED!r}; the questions are {', '.join(FUNCTIONING_QUESTIONS)}"
+            f"each question needs an answer or {DECLINED_ANSWER!r}; the questions are "
+            f"{', '.join(FUNCTIONING_QUESTIONS)}"
         )
     for question, level in answers.levels.items():
         if level not in DIFFICULTY_LEVELS:
@@ -57,7 +58,7 @@ def _check(answers: FunctioningAnswers) -> None:
     for device in answers.devices:
         if device not in ASSISTIVE_DEVICES:
             raise StudyError(f"unknown device class {device!r}; allowed: {', '.join(ASSISTIVE_DEVICES)}")
-    alone = {NONE, DECLINED} & set(answers.devices)
+    alone = {NONE_ANSWER, DECLINED_ANSWER} & set(answers.devices)
     if alone and len(answers.devices) > 1:
         answer = alone.pop()
         raise StudyError(

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from avrgym.study.storage import identity_file, identity_keys
 from avrgym.study.storage.identity_file import Identity, read_identities
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 
 
 class PossibleDuplicateError(StudyError):
@@ -48,7 +48,7 @@ def check_duplicate_enrolment(
     return duplicates and f"confirmed as another person than {duplicates}"
 
 
-def possible_duplicate_pairs(
+def find_possible_duplicate_pairs(
     key: Mapping[str, Identity], pseudonyms: Iterable[str]
 ) -> Iterator[tuple[str, str]]:
     """Yields the pairs of pseudonyms that may belong to the same person."""
@@ -85,7 +85,7 @@ def _folded(text: str) -> str:
     return "".join(character for character in folded if unicodedata.category(character) != "Cf")
 
 
-def encrypt_names(store: Store, new_passphrase: Callable[[], str] | None = None) -> bool:
+def encrypt_participant_names(store: StudyStore, new_passphrase: Callable[[], str] | None = None) -> bool:
     """Encrypt all names with a new key. Returns whether an unencrypted file was removed.
 
     ``new_passphrase``: returns the new passphrase; default: a new key file is used.
@@ -100,9 +100,9 @@ def encrypt_names(store: Store, new_passphrase: Callable[[], str] | None = None)
         identity_keys.check_passphrase(passphrase)
     with store.write_transaction():  # the lock also protects the identity file
         present = identity_file.read_identities(store.folder)
-        was_plain = identity_file.unencrypted_path(store.folder) is not None
+        was_plain = identity_file.find_unencrypted_identity_file(store.folder) is not None
         if passphrase is not None:
             identity_keys.set_passphrase(store.folder, passphrase)
-        lock = identity_keys.new_key_source(passphrase=passphrase is not None)
+        lock = identity_keys.make_key_source(passphrase=passphrase is not None)
         identity_file.encrypt_identity_file(store.folder, lock, present)
     return was_plain

@@ -13,19 +13,24 @@ from datetime import UTC, datetime, timedelta
 import sqlalchemy as sa
 
 from avrgym.models.human import Sex
-from avrgym.study.design.validation import NAME_PATTERN
+from avrgym.study.design.toml_validation import NAME_PATTERN
 from avrgym.study.people.identities import PossibleDuplicateError
 from avrgym.study.people.participants import enrol_participant
 from avrgym.study.storage import hash_chain, schema
+from avrgym.study.storage.database_rows import (
+    Invitation,
+    InvitationUse,
+    format_pseudonym,
+    parse_participant_number,
+)
 from avrgym.study.storage.free_text import check_single_line
-from avrgym.study.storage.rows import Invitation, InvitationUse, participant_number, pseudonym_of
-from avrgym.study.storage.schema import utc_timestamp
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_row, find_rows
-from avrgym.vr.server.session_links import token_sha256
+from avrgym.study.storage.schema import make_utc_timestamp
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore, find_row, find_rows
+from avrgym.vr.server.session_links import compute_token_sha256
 
-TOKEN_BYTES = 16
-MAX_PLACES_PER_INVITATION = 1_000_000
+TOKEN_LENGTH_BYTES = 16
+MAX_PARTICIPANTS_PER_INVITATION = 1_000_000
 MAX_VALIDITY_DAYS = 3650
 _enrolling = threading.Lock()
 
@@ -65,13 +70,13 @@ class InvitationSummary:
 class RecruitmentServiceIds:
     """Ids of a recruitment service: participant, study and session. Empty without a service."""
 
-    participant: str = ""
-    study: str = ""
-    session: str = ""
+    participant_id: str = ""
+    study_id: str = ""
+    session_id: str = ""
 
 
 def create_invitations(
-    store: Store, labels: Sequence[str], *, days: float, places: int = 1
+    store: StudyStore, labels: Sequence[str], *, days: float, places: int = 1
 ) -> list[NewInvitation]:
     """Create one invitation for each label. An empty label is allowed.
 
@@ -88,8 +93,10 @@ def create_invitations(
         raise StudyError(
             f"invitations are valid for {days:g} days; allowed: more than 0, at most {MAX_VALIDITY_DAYS}"
         )
-    if not 1 <= places <= MAX_PLACES_PER_INVITATION:
-        raise StudyError(f"an invitation has {places} places; allowed: 1 to {MAX_PLACES_PER_INVITATION}")
+    if not 1 <= places <= MAX_PARTICIPANTS_PER_INVITATION:
+        raise StudyError(
+            f"an invitation has {places} places; allowed: 1 to {MAX_PARTICIPANTS_PER_INVITATION}"
+        )
     named = [label for label in labels if label]
     for label in named:
         if not NAME_PATTERN.fullmatch(label):
@@ -102,12 +109,12 @@ def create_invitations(
             if named.count(label) > 1 or label in known:
                 raise StudyError(f"label {label} is used twice; allowed: a unique label for each invitation")
         for label in labels:
-            token = secrets.token_urlsafe(TOKEN_BYTES)
-            key = hash_chain.insert(
+            token = secrets.token_urlsafe(TOKEN_LENGTH_BYTES)
+            key = hash_chain.insert_row(
                 connection,
                 schema.INVITATION_TABLE,
-                created_at=utc_timestamp(),
-                sha256=token_sha256(token),
+                created_at=make_utc_timestamp(),
+                sha256=compute_token_sha256(token),
                 label=label or None,
                 expires_at=expires_at,
                 places=places,
@@ -116,7 +123,7 @@ def create_invitations(
     return created
 
 
-def list_invitations(store: Store) -> list[InvitationSummary]:
+def list_invitations(store: StudyStore) -> list[InvitationSummary]:
     """Returns all invitations in the order of creation."""
     with store.database.read_transaction() as connection:
         uses = [use.invitation for use in find_rows(connection, InvitationUse)]
@@ -133,17 +140,17 @@ def list_invitations(store: Store) -> list[InvitationSummary]:
         ]
 
 
-def close_invitation(store: Store, invitation: int) -> None:
+def close_invitation(store: StudyStore, invitation: int) -> None:
     """Close an invitation against further enrolments. Raises ``StudyError`` for an unknown id."""
     with store.write_transaction() as connection:
         if not find_rows(connection, Invitation, id=invitation):
             raise StudyError(
                 f"there is no invitation {invitation}; `avrgym study invitations` lists all invitations"
             )
-        hash_chain.update(connection, schema.INVITATION_TABLE, invitation, closed_at=utc_timestamp())
+        hash_chain.update_row(connection, schema.INVITATION_TABLE, invitation, closed_at=make_utc_timestamp())
 
 
-def find_valid_invitation(store: Store, token: str) -> Invitation:
+def find_valid_invitation(store: StudyStore, token: str) -> Invitation:
     """Returns the invitation with this token.
 
     Raises:
@@ -154,7 +161,7 @@ def find_valid_invitation(store: Store, token: str) -> Invitation:
 
 
 def enrol_with_invitation(
-    store: Store,
+    store: StudyStore,
     token: str,
     sex: Sex,
     *,
@@ -171,7 +178,7 @@ def enrol_with_invitation(
         InvitationError: if the invitation cannot be used, or if the id at the recruitment service is already enrolled.
         StudyError: see ``enrol_participant``. The invitation is then not used.
     """
-    for what, value in (("study id", service.study), ("session id", service.session)):
+    for what, value in (("study id", service.study_id), ("session id", service.session_id)):
         check_single_line(f"the {what}", value)
     with _enrolling:
         find_valid_invitation(store, token)
@@ -181,53 +188,55 @@ def enrol_with_invitation(
                 sex,
                 age_years=age_years,
                 language=language,
-                contact="" if simulated else service.participant,
+                contact="" if simulated else service.participant_id,
                 simulated=simulated,
             )
         except PossibleDuplicateError:
             raise InvitationError("duplicate", "this person takes part in the study already") from None
-        own = secrets.token_urlsafe(TOKEN_BYTES)
+        own = secrets.token_urlsafe(TOKEN_LENGTH_BYTES)
         with store.write_transaction() as connection:
-            hash_chain.insert(
+            hash_chain.insert_row(
                 connection,
                 schema.INVITATION_USE_TABLE,
                 invitation=_usable(connection, token).id,
-                participant=participant_number(pseudonym),
-                used_at=utc_timestamp(),
-                sha256=token_sha256(own),
-                service_study=service.study or None,
-                service_session=service.session or None,
+                participant=parse_participant_number(pseudonym),
+                used_at=make_utc_timestamp(),
+                sha256=compute_token_sha256(own),
+                service_study=service.study_id or None,
+                service_session=service.session_id or None,
             )
     return pseudonym, own
 
 
-def personal_tokens(store: Store) -> dict[str, str]:
+def read_pseudonyms_by_token_sha256(store: StudyStore) -> dict[str, str]:
     """Returns the pseudonym of each participant with a personal token, by the token's checksum."""
     table = schema.INVITATION_USE_TABLE
     used = sa.select(table.c.sha256, table.c.participant).where(table.c.participant.is_not(None))
     with store.database.read_transaction() as connection:
-        return {sha256: pseudonym_of(number) for sha256, number in connection.execute(used)}
+        return {sha256: format_pseudonym(number) for sha256, number in connection.execute(used)}
 
 
-def replace_participant_token(store: Store, pseudonym: str) -> str:
+def replace_participant_token(store: StudyStore, pseudonym: str) -> str:
     """Create a new personal token for a participant. Returns the token. The earlier token becomes invalid.
 
     Raises ``StudyError`` for a participant without an invitation.
     """
-    own = secrets.token_urlsafe(TOKEN_BYTES)
+    own = secrets.token_urlsafe(TOKEN_LENGTH_BYTES)
     with store.write_transaction() as connection:
         use = find_row(
             connection,
             InvitationUse,
             f"invitation of {pseudonym}",
-            participant=participant_number(pseudonym),
+            participant=parse_participant_number(pseudonym),
         )
-        hash_chain.update(connection, schema.INVITATION_USE_TABLE, use.id, sha256=token_sha256(own))
+        hash_chain.update_row(
+            connection, schema.INVITATION_USE_TABLE, use.id, sha256=compute_token_sha256(own)
+        )
     return own
 
 
 def _usable(connection: sa.Connection, token: str) -> Invitation:
-    found = find_rows(connection, Invitation, sha256=token_sha256(token))
+    found = find_rows(connection, Invitation, sha256=compute_token_sha256(token))
     if not found:
         raise InvitationError("unknown", "this invitation is unknown; open the link again as you received it")
     used = len(find_rows(connection, InvitationUse, invitation=found[0].id))

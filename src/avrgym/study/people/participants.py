@@ -6,13 +6,17 @@ from dataclasses import asdict
 import msgspec
 import sqlalchemy as sa
 
-from avrgym.commands.respondents import CONSENT_ROLES, PARTICIPANT
+from avrgym.commands.respondents import CONSENT_ROLES, PARTICIPANT_RESPONDENT
 from avrgym.models.human import SEXES, Sex
 from avrgym.recording.configuration import RecordedConsent
 from avrgym.recording.input_profile import InputProfile
-from avrgym.study.design.allocation import least_used_order_index, order_indices_for_site, plan_trials
+from avrgym.study.design.allocation import (
+    find_least_used_order_index,
+    list_order_indices_for_site,
+    plan_trials,
+)
 from avrgym.study.design.design import Design
-from avrgym.study.design.validation import NAME_PATTERN
+from avrgym.study.design.toml_validation import NAME_PATTERN
 from avrgym.study.people.consents import (
     DisplayedConsentText,
     is_consent_complete,
@@ -20,28 +24,34 @@ from avrgym.study.people.consents import (
     store_consent,
 )
 from avrgym.study.people.identities import check_duplicate_enrolment
-from avrgym.study.people.input_profiles import check_needed_arms
+from avrgym.study.people.input_profiles import check_required_participant_arms
 from avrgym.study.storage import hash_chain, identity_file, schema
 from avrgym.study.storage.data_loss import PARTICIPATION_CONFIRMED_EVENT
+from avrgym.study.storage.database_rows import (
+    ConsentRecord,
+    ExperimenterNote,
+    Participant,
+    StudySession,
+    format_pseudonym,
+)
 from avrgym.study.storage.free_text import check_note, check_single_line
-from avrgym.study.storage.rows import ConsentRecord, ExperimenterNote, Participant, StudySession, pseudonym_of
-from avrgym.study.storage.schema import utc_timestamp
+from avrgym.study.storage.schema import make_utc_timestamp
 from avrgym.study.storage.sessions import check_consent_version, end_open_sessions, has_completed_study
-from avrgym.study.storage.states import (
+from avrgym.study.storage.state_transitions import (
     ALLOCATED_STATES,
-    UNKNOWN_PARTICIPATION,
+    UNKNOWN_PARTICIPATION_STATE,
     StudyError,
     check_transition,
 )
 from avrgym.study.storage.store import (
-    Store,
+    StudyStore,
     change_state,
     find_participant,
     find_rows,
     record_event,
     store_design,
 )
-from avrgym.study.storage.study_folder import used_participant_numbers
+from avrgym.study.storage.study_folder import find_used_participant_numbers
 from avrgym.texts.interface_texts import InterfaceTexts, InvalidTextsError, read_texts
 
 RECONSENT_EVENT = "participant consented again"
@@ -51,7 +61,7 @@ CONSENT_INCOMPLETE_EVENT = "consent incomplete"
 
 
 def enrol_participant(
-    store: Store,
+    store: StudyStore,
     sex: Sex,
     *,
     age_years: int | None = None,
@@ -85,7 +95,7 @@ def enrol_participant(
         raise StudyError(f"unknown language {language!r}; allowed in this study: {', '.join(languages)}")
     if simulated and (name or contact):
         raise StudyError("a simulated participant cannot have a name or contact; leave both empty")
-    check_needed_arms(store.design, input_profile)
+    check_required_participant_arms(store.design, input_profile)
     _check_identity(name, contact)
     if site and not NAME_PATTERN.fullmatch(site):
         raise StudyError(f"{site!r} is not a valid site; allowed: at most 40 letters, digits, - and _")
@@ -95,8 +105,8 @@ def enrol_participant(
         if name or contact:
             identity_file.create_identity_file(store.folder)
         number = _next_number(store, connection)
-        pseudonym = pseudonym_of(number)
-        hash_chain.insert(
+        pseudonym = format_pseudonym(number)
+        hash_chain.insert_row(
             connection,
             schema.PARTICIPANT_TABLE,
             number=number,
@@ -107,17 +117,17 @@ def enrol_participant(
             age_years=age_years,
             language=language or languages[0],
             input_profile=None if input_profile is None else msgspec.to_builtins(input_profile),
-            enrolled_at=utc_timestamp(),
+            enrolled_at=make_utc_timestamp(),
         )
         record_event(connection, "participant enrolled", confirmation, {"participant": number})
     if name or contact:
         with store.write_transaction():  # after the commit: a crash leaves no name without a participant
-            identity_file.write_identity(store.folder, pseudonym, identity)
+            identity_file.store_identity(store.folder, pseudonym, identity)
     return pseudonym
 
 
 def set_identity(
-    store: Store, pseudonym: str, name: str, contact: str, *, confirm_duplicate: bool = False
+    store: StudyStore, pseudonym: str, name: str, contact: str, *, confirm_duplicate: bool = False
 ) -> None:
     """Store name and contact of a participant in the identity file.
 
@@ -135,10 +145,10 @@ def set_identity(
         )
         if confirmation:
             record_event(connection, "identity corrected", confirmation, {"participant": number})
-        identity_file.write_identity(store.folder, pseudonym, identity)
+        identity_file.store_identity(store.folder, pseudonym, identity)
 
 
-def participant_texts(store: Store, participant: Participant) -> InterfaceTexts:
+def read_participant_texts(store: StudyStore, participant: Participant) -> InterfaceTexts:
     """Returns the texts in the participant's language. Raises ``StudyError`` if this language has no texts."""
     try:
         return read_texts(participant.language or store.design.languages[0], store.folder)
@@ -146,13 +156,13 @@ def participant_texts(store: Store, participant: Participant) -> InterfaceTexts:
         raise StudyError(str(error)) from None
 
 
-def consent_text(store: Store, participant: Participant) -> DisplayedConsentText:
+def read_consent_text(store: StudyStore, participant: Participant) -> DisplayedConsentText:
     """Returns the design's consent text in the participant's language."""
-    texts, consent = participant_texts(store, participant), store.design.consent
+    texts, consent = read_participant_texts(store, participant), store.design.consent
     return DisplayedConsentText(consent.version, texts.language, texts.translate(consent.text))
 
 
-def record_consent(store: Store, pseudonym: str, role: str = PARTICIPANT) -> bool:
+def record_consent(store: StudyStore, pseudonym: str, role: str = PARTICIPANT_RESPONDENT) -> bool:
     """Store a consent to the design's text in the participant's language.
 
     ``role``: one of ``CONSENT_ROLES``. A representative's consent and the participant's assent are two records, in any
@@ -183,14 +193,14 @@ def record_consent(store: Store, pseudonym: str, role: str = PARTICIPANT) -> boo
             "consent_sha256": given.sha256,
         }
         if again:
-            hash_chain.update(connection, schema.PARTICIPANT_TABLE, participant.number, **values)
+            hash_chain.update_row(connection, schema.PARTICIPANT_TABLE, participant.number, **values)
             record_event(connection, RECONSENT_EVENT, detail, about)
         else:
             change_state(connection, participant, "consented", about, detail, **values)
     return True
 
 
-def decline_consent(store: Store, pseudonym: str, role: str = PARTICIPANT) -> None:
+def decline_consent(store: StudyStore, pseudonym: str, role: str = PARTICIPANT_RESPONDENT) -> None:
     """Store that a new version of the text, or the assent, is declined, and withdraw the participant.
 
     ``role``: one of ``CONSENT_ROLES``.
@@ -208,15 +218,15 @@ def decline_consent(store: Store, pseudonym: str, role: str = PARTICIPANT) -> No
 
 
 def _store_consent(
-    store: Store, connection: sa.Connection, participant: Participant, role: str, *, agreed: bool
+    store: StudyStore, connection: sa.Connection, participant: Participant, role: str, *, agreed: bool
 ) -> ConsentRecord:
     if role not in CONSENT_ROLES:
         raise StudyError(f"unknown role {role!r} of a consent; allowed: {', '.join(CONSENT_ROLES)}")
-    shown = consent_text(store, participant)
+    shown = read_consent_text(store, participant)
     return store_consent(connection, participant, shown, store.design.languages[0], role, agreed=agreed)
 
 
-def record_inclusion(store: Store, pseudonym: str, answers: Mapping[str, bool]) -> bool:
+def record_inclusion_answers(store: StudyStore, pseudonym: str, answers: Mapping[str, bool]) -> bool:
     """Store the answers to the inclusion questions. Then allocate the participant to a trial order, or exclude them.
 
     Returns:
@@ -245,7 +255,7 @@ def record_inclusion(store: Store, pseudonym: str, answers: Mapping[str, bool]) 
     return True
 
 
-def withdraw(store: Store, pseudonym: str, reason: str = "") -> None:
+def withdraw_participant(store: StudyStore, pseudonym: str, reason: str = "") -> None:
     """Withdraw a participant. A running trial stops, and open sessions end.
 
     Raises:
@@ -256,12 +266,12 @@ def withdraw(store: Store, pseudonym: str, reason: str = "") -> None:
         _withdraw(store, connection, find_participant(connection, pseudonym), reason)
 
 
-def _withdraw(store: Store, connection: sa.Connection, participant: Participant, reason: str) -> None:
+def _withdraw(store: StudyStore, connection: sa.Connection, participant: Participant, reason: str) -> None:
     change_state(connection, participant, "withdrawn", {"participant": participant.number}, reason)
     end_open_sessions(store, connection, participant, attempts="stopped", sessions="closed")
 
 
-def confirm_participation(store: Store, pseudonym: str, evidence: str) -> str:
+def confirm_participation(store: StudyStore, pseudonym: str, evidence: str) -> str:
     """Store that a participant with unknown state consented and did not withdraw. Returns the new state.
 
     ``evidence``: text about the evidence, for example a signed form and its place.
@@ -274,7 +284,7 @@ def confirm_participation(store: Store, pseudonym: str, evidence: str) -> str:
         raise StudyError('evidence is empty; allowed: text such as "consent form of 3 May in folder 2"')
     with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
-        if participant.state != UNKNOWN_PARTICIPATION or participant.cell is None:
+        if participant.state != UNKNOWN_PARTICIPATION_STATE or participant.cell is None:
             order = "" if participant.cell is not None else " and has no trial order"
             raise StudyError(
                 f"{participant} is {participant.state}{order}; allowed: a participant with unknown state and a "
@@ -291,7 +301,7 @@ def confirm_participation(store: Store, pseudonym: str, evidence: str) -> str:
     return after
 
 
-def add_note(store: Store, pseudonym: str, text: str, session: int | None = None) -> None:
+def add_note(store: StudyStore, pseudonym: str, text: str, session: int | None = None) -> None:
     """Store a note about a participant, or about one of their sessions. ``session``: the id of the session.
 
     Raises:
@@ -306,15 +316,15 @@ def add_note(store: Store, pseudonym: str, text: str, session: int | None = None
                 f"session {session} is not a session of {participant}; the dashboard lists their sessions"
             )
         note = {
-            "written_at": utc_timestamp(),
+            "written_at": make_utc_timestamp(),
             "participant": participant.number,
             "session": session,
             "text": text,
         }
-        hash_chain.insert(connection, schema.NOTE_TABLE, **note)
+        hash_chain.insert_row(connection, schema.NOTE_TABLE, **note)
 
 
-def edit_note(store: Store, pseudonym: str, note_id: int, text: str) -> None:
+def edit_note(store: StudyStore, pseudonym: str, note_id: int, text: str) -> None:
     """Replace the text of a note. The earlier text is not stored, because it may contain a name.
 
     Raises:
@@ -325,7 +335,7 @@ def edit_note(store: Store, pseudonym: str, note_id: int, text: str) -> None:
         participant = find_participant(connection, pseudonym)
         if not find_rows(connection, ExperimenterNote, id=note_id, participant=participant.number):
             raise StudyError(f"{pseudonym} has no note {note_id}; the dashboard lists all notes")
-        hash_chain.update(connection, schema.NOTE_TABLE, note_id, text=text)
+        hash_chain.update_row(connection, schema.NOTE_TABLE, note_id, text=text)
         record_event(connection, "note changed", f"note {note_id}", {"participant": participant.number})
 
 
@@ -334,9 +344,9 @@ def _check_identity(name: str, contact: str) -> None:
     check_single_line("the contact", contact)
 
 
-def _next_number(store: Store, connection: sa.Connection) -> int:
+def _next_number(store: StudyStore, connection: sa.Connection) -> int:
     """Returns the next participant number. It is not in the identity file, participation list or recordings."""
-    taken = used_participant_numbers(store.folder)
+    taken = find_used_participant_numbers(store.folder)
     for table in (schema.PARTICIPANT_TABLE, schema.TOMBSTONE_TABLE):
         taken.add(connection.execute(sa.select(sa.func.max(table.c.number))).scalar() or 0)
     return max(taken) + 1
@@ -351,12 +361,14 @@ def _free_cell(connection: sa.Connection, design: Design, participant: Participa
     for other in find_rows(connection, Participant, simulated=participant.simulated):
         if other.state in ALLOCATED_STATES and other.cell is not None:
             taken[other.site == participant.site].append(other.cell)
-    return least_used_order_index(order_indices_for_site(design, participant.site), taken[True], taken[False])
+    return find_least_used_order_index(
+        list_order_indices_for_site(design, participant.site), taken[True], taken[False]
+    )
 
 
 def _plan(connection: sa.Connection, design: Design, cell: int, participant: Participant) -> None:
     number = participant.number
     for trial in plan_trials(design, cell, number, participant.site):
-        hash_chain.insert(
+        hash_chain.insert_row(
             connection, schema.TRIAL_TABLE, **asdict(trial), participant=number, state="planned"
         )

@@ -1,14 +1,14 @@
 """Preferences of participants for the robot: stored as events, applied in the conditions that allow them."""
 
 from avrgym.commands.preferences import Preferences, TrialRules, apply_preferences
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, latest_event_value, record_event_value
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore, read_latest_event_value, record_event_value
 
 PREFERENCES_RECORDED_EVENT = "preferences recorded"
 """Name of the event that stores a participant's preferences. The latest event applies."""
 
 
-def record_preferences(store: Store, pseudonym: str, preferences: Preferences) -> None:
+def record_preferences(store: StudyStore, pseudonym: str, preferences: Preferences) -> None:
     """Store a participant's preferences. They apply from the next session on.
 
     Raises:
@@ -26,16 +26,16 @@ def record_preferences(store: Store, pseudonym: str, preferences: Preferences) -
         record_event_value(connection, pseudonym, PREFERENCES_RECORDED_EVENT, preferences)
 
 
-def preferences_of(store: Store, pseudonym: str) -> Preferences | None:
+def read_latest_preferences(store: StudyStore, pseudonym: str) -> Preferences | None:
     """Returns the participant's latest preferences; ``None`` without any.
 
     Raises:
         StudyError: if the stored preferences are damaged.
     """
-    return latest_event_value(store, pseudonym, PREFERENCES_RECORDED_EVENT, Preferences)
+    return read_latest_event_value(store, pseudonym, PREFERENCES_RECORDED_EVENT, Preferences)
 
 
-def trial_rules(store: Store, name: str, own: Preferences | None) -> TrialRules | None:
+def make_trial_rules(store: StudyStore, name: str, own: Preferences | None) -> TrialRules | None:
     """Returns the rules of a trial with the condition or policy ``name``; ``None`` without a pacing layer.
 
     ``own``: the participant's preferences; ``None`` without any.

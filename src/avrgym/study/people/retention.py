@@ -4,18 +4,21 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 
-from avrgym.study.design.retention import ALL_DATA, IDENTITIES, RECORDINGS
-from avrgym.study.people.deletion import delete_participant
+from avrgym.study.design.retention import ALL_DATA, IDENTITY_DATA, RECORDING_DATA
+from avrgym.study.people.participant_deletion import delete_participant
 from avrgym.study.storage import identity_file
+from avrgym.study.storage.database_rows import RECORDINGS_FOLDER as FOLDER
+from avrgym.study.storage.database_rows import StudyEvent, parse_participant_number
 from avrgym.study.storage.remote_recordings import remove_recordings
-from avrgym.study.storage.rows import RECORDINGS as FOLDER
-from avrgym.study.storage.rows import StudyEvent, participant_number
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_rows, record_event
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore, find_rows, record_event
 
-DELETION_EVENTS = {IDENTITIES: "identity deleted by schedule", RECORDINGS: "recordings deleted by schedule"}
+DELETION_EVENT_BY_DATA_KIND = {
+    IDENTITY_DATA: "identity deleted by schedule",
+    RECORDING_DATA: "recordings deleted by schedule",
+}
 """Event of a scheduled deletion, by kind of data. A deletion of ``ALL_DATA`` creates a tombstone instead."""
-DATA_KIND_LABELS = {IDENTITIES: "names and contacts", RECORDINGS: "recordings", ALL_DATA: "all data"}
+DATA_KIND_LABELS = {IDENTITY_DATA: "names and contacts", RECORDING_DATA: "recordings", ALL_DATA: "all data"}
 
 
 @dataclass(frozen=True)
@@ -39,41 +42,41 @@ def today_utc() -> date:
     return datetime.now(UTC).date()
 
 
-def scheduled_deletions(store: Store) -> list[ScheduledDeletion]:
+def list_scheduled_deletions(store: StudyStore) -> list[ScheduledDeletion]:
     """Returns all scheduled deletions of people's data."""
-    people = [each.pseudonym for each in store.participants() if not each.simulated]
-    known = identity_file.pseudonyms_with_identity(store.folder)
+    people = [each.pseudonym for each in store.read_participants() if not each.simulated]
+    known = identity_file.read_pseudonyms_with_identity(store.folder)
     present = {
-        IDENTITIES: [name for name in people if name in known],
-        RECORDINGS: [name for name in people if _has_recordings(store, name)],
+        IDENTITY_DATA: [name for name in people if name in known],
+        RECORDING_DATA: [name for name in people if _has_recordings(store, name)],
         ALL_DATA: people,
     }
     return [
         ScheduledDeletion(kind, day, tuple(present[kind]))
-        for kind, day in store.design.retention.deletion_dates.items()
+        for kind, day in store.design.retention.deletion_date_by_data_kind.items()
     ]
 
 
-def due_deletions(store: Store, day: date) -> list[ScheduledDeletion]:
+def list_due_deletions(store: StudyStore, day: date) -> list[ScheduledDeletion]:
     """Returns the scheduled deletions whose retention period has ended on ``day``."""
-    return [each for each in scheduled_deletions(store) if each.is_due(day)]
+    return [each for each in list_scheduled_deletions(store) if each.is_due(day)]
 
 
-def describe_due_deletions(store: Store, day: date) -> Iterator[str]:
+def describe_due_deletions(store: StudyStore, day: date) -> Iterator[str]:
     """Yields a message for each kind of data that must be deleted. Also yields a message if the end date is missing."""
     retention = store.design.retention
-    for each in due_deletions(store, day):
+    for each in list_due_deletions(store, day):
         number = len(each.pseudonyms)
         yield (
             f"{DATA_KIND_LABELS[each.data_kind]} of {number} participant{'' if number == 1 else 's'} must be "
             f"deleted since "
             f"{each.due_date}: `avrgym study retention {store.folder} --delete` deletes them"
         )
-    if retention.months_by_kind and retention.last_day is None and _is_complete(store):
+    if retention.months_by_data_kind and retention.last_study_day is None and _is_complete(store):
         yield "all planned participants have completed the study: set ended_on in [retention] of study.toml"
 
 
-def delete_due_data(store: Store, day: date) -> Iterator[tuple[str, str]]:
+def delete_due_data(store: StudyStore, day: date) -> Iterator[tuple[str, str]]:
     """Delete all data that are due on ``day``. Yields kind of data and pseudonym after each deletion.
 
     ``delete_participant`` deletes data of the kind ``ALL_DATA``. After a crash, a second call completes the deletions.
@@ -84,7 +87,7 @@ def delete_due_data(store: Store, day: date) -> Iterator[tuple[str, str]]:
     """
     _check_ended(store)
     errors: list[str] = []
-    for each in due_deletions(store, day):
+    for each in list_due_deletions(store, day):
         for pseudonym in each.pseudonyms:
             try:
                 _delete(store, each.data_kind, pseudonym)
@@ -96,37 +99,42 @@ def delete_due_data(store: Store, day: date) -> Iterator[tuple[str, str]]:
         raise StudyError("; ".join(errors))
 
 
-def recording_deletion_times(store: Store) -> Mapping[int, str]:
+def read_recording_deletion_times(store: StudyStore) -> Mapping[int, str]:
     """Returns the time of the scheduled deletion of recordings, by participant number."""
     with store.database.read_transaction() as connection:
-        events = find_rows(connection, StudyEvent, name=DELETION_EVENTS[RECORDINGS])
+        events = find_rows(connection, StudyEvent, name=DELETION_EVENT_BY_DATA_KIND[RECORDING_DATA])
     return {event.participant: event.recorded_at for event in events if event.participant is not None}
 
 
-def _delete(store: Store, kind: str, pseudonym: str) -> None:
+def _delete(store: StudyStore, kind: str, pseudonym: str) -> None:
     if kind == ALL_DATA:
         delete_participant(store, pseudonym)
         return
     with store.database.write_transaction() as connection:
-        record_event(connection, DELETION_EVENTS[kind], "", {"participant": participant_number(pseudonym)})
-        if kind == IDENTITIES:
+        record_event(
+            connection,
+            DELETION_EVENT_BY_DATA_KIND[kind],
+            "",
+            {"participant": parse_participant_number(pseudonym)},
+        )
+        if kind == IDENTITY_DATA:
             identity_file.remove_identity(store.folder, pseudonym)
-    if kind == RECORDINGS:
+    if kind == RECORDING_DATA:
         remove_recordings(store, pseudonym)
 
 
-def _has_recordings(store: Store, pseudonym: str) -> bool:
+def _has_recordings(store: StudyStore, pseudonym: str) -> bool:
     """Returns whether recordings of a participant remain here, or may remain in the object store."""
     if (store.folder / FOLDER / pseudonym).exists():
         return True
-    is_deleted = participant_number(pseudonym) in recording_deletion_times(store)
-    return store.object_store is not None and not is_deleted and bool(store.attempts(pseudonym))
+    is_deleted = parse_participant_number(pseudonym) in read_recording_deletion_times(store)
+    return store.object_store is not None and not is_deleted and bool(store.read_attempts(pseudonym))
 
 
-def _check_ended(store: Store) -> None:
-    end = store.design.retention.last_day
-    people = [each.pseudonym for each in store.participants() if not each.simulated]
-    days = [session.opened_at[:10] for name in people for session in store.sessions(name)]
+def _check_ended(store: StudyStore) -> None:
+    end = store.design.retention.last_study_day
+    people = [each.pseudonym for each in store.read_participants() if not each.simulated]
+    days = [session.opened_at[:10] for name in people for session in store.read_sessions(name)]
     if end is not None and max(days, default="") > end.isoformat():
         raise StudyError(
             f"a session took place on {max(days)}, after the study's end on {end}: nothing was deleted; correct "
@@ -134,6 +142,6 @@ def _check_ended(store: Store) -> None:
         )
 
 
-def _is_complete(store: Store) -> bool:
-    people = [each for each in store.participants() if not each.simulated]
+def _is_complete(store: StudyStore) -> bool:
+    people = [each for each in store.read_participants() if not each.simulated]
     return sum(each.state == "completed" for each in people) >= store.design.participants

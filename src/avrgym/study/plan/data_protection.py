@@ -7,12 +7,17 @@ controller completes the drafts.
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from avrgym.commands.respondents import CAREGIVER
-from avrgym.study.design.description import describe_procedure
+from avrgym.commands.respondents import CAREGIVER_RESPONDENT
 from avrgym.study.design.design import Design
-from avrgym.study.plan.hosted_assessment import HOSTED_DATA, HOSTED_MEASURES, HOSTED_RISKS, is_hosted
-from avrgym.study.plan.preregistration import bullet_list, format_markdown, write_draft
-from avrgym.study.storage.store import Store
+from avrgym.study.design.design_description import describe_procedure
+from avrgym.study.plan.hosted_assessment import (
+    HOSTED_STUDY_DATA,
+    HOSTED_STUDY_RISKS,
+    HOSTED_STUDY_SAFEGUARDS,
+    is_hosted_study,
+)
+from avrgym.study.plan.preregistration import format_bullet_list, format_markdown, write_draft
+from avrgym.study.storage.store import StudyStore
 
 DATA_PROTECTION_FOLDER = "data-protection"
 PLACEHOLDER_FORMAT = "**[TO FILL IN: {}]**"
@@ -32,7 +37,7 @@ SECURITY_MEASURES = (
 """Security measures of AVR Gym."""
 
 
-def write_data_protection_drafts(store: Store) -> list[Path]:
+def write_data_protection_drafts(store: StudyStore) -> list[Path]:
     """Write both drafts into the study's folder. Returns their paths. Edited drafts are never overwritten.
 
     Raises:
@@ -41,7 +46,7 @@ def write_data_protection_drafts(store: Store) -> list[Path]:
     """
     design, folder = store.design, store.folder / DATA_PROTECTION_FOLDER
     folder.mkdir(mode=0o700, exist_ok=True)
-    title, hosted = design.title, is_hosted(store)
+    title, hosted = design.title, is_hosted_study(store)
     drafts = {
         "impact-assessment.md": format_markdown(
             f"{title}: data protection impact assessment", DRAFT_NOTICE, _assessment(design, hosted=hosted)
@@ -70,7 +75,7 @@ def _assessment(design: Design, *, hosted: bool) -> Mapping[str, Mapping[str, st
             "Legal basis": _fill_in(
                 "for example consent, Article 6(1)(a); for data on health Article 9(2)(a) or (j)"
             ),
-            "Data": bullet_list(_data(design, hosted=hosted)),
+            "Data": format_bullet_list(_data(design, hosted=hosted)),
             "Recipients": _recipients(design),
             "Storage": _storage(design),
             "Retention": _retention(design),
@@ -89,11 +94,11 @@ def _assessment(design: Design, *, hosted: bool) -> Mapping[str, Mapping[str, st
             "Disclosure of names": _risk(),
             "Disclosure of data on health": _risk(),
             "Loss of data": _risk(),
-            **(HOSTED_RISKS if hosted else {}),
+            **(HOSTED_STUDY_RISKS if hosted else {}),
             "Other risks": _fill_in("what else may harm participants"),
         },
         "Measures (Article 35(7)(d))": {
-            "By this program": bullet_list(_measures(hosted=hosted)),
+            "By this program": format_bullet_list(_measures(hosted=hosted)),
             "By the institution": _fill_in(
                 "encryption of disks, access to rooms, backups, training of staff"
             ),
@@ -120,21 +125,21 @@ def _record(design: Design, *, hosted: bool) -> Mapping[str, Mapping[str, str]]:
             "in its log; representatives and "
             "caregivers, if any. "
             + _fill_in("how they are recruited, and whether any of them are vulnerable"),
-            "(c) Categories of data": bullet_list(_data(design, hosted=hosted)),
+            "(c) Categories of data": format_bullet_list(_data(design, hosted=hosted)),
             "(d) Recipients": _recipients(design),
             "(e) Transfers to third countries": _fill_in(
                 "none, or the countries and the safeguards of Article 46"
             ),
             "(f) Time limits for erasure": _retention(design),
             "(g) Security measures (Article 32(1))": (
-                f"{bullet_list(_measures(hosted=hosted))}\n\n{_fill_in('measures of the institution')}"
+                f"{format_bullet_list(_measures(hosted=hosted))}\n\n{_fill_in('measures of the institution')}"
             ),
         }
     }
 
 
 def _measures(*, hosted: bool) -> tuple[str, ...]:
-    return (*SECURITY_MEASURES, *(HOSTED_MEASURES if hosted else ()))
+    return (*SECURITY_MEASURES, *(HOSTED_STUDY_SAFEGUARDS if hosted else ()))
 
 
 def _data(design: Design, *, hosted: bool) -> Iterable[str]:
@@ -148,7 +153,7 @@ def _data(design: Design, *, hosted: bool) -> Iterable[str]:
         "Data on health (Article 9(1)), because they reveal impairments: input profile (column input_method, arms that "
         "do not move, stops) and preferences for the robot."
     )
-    if any(CAREGIVER in each.moments for each in design.questionnaires):
+    if any(CAREGIVER_RESPONDENT in each.moments for each in design.questionnaires):
         yield "Answers of caregivers to their own questions, under the pseudonym of the participant."
     yield "Consent of a representative and answers by a proxy, where a participant cannot give them alone."
     yield "Movements of head and hands during each trial, at the rate of tracking."
@@ -157,7 +162,7 @@ def _data(design: Design, *, hosted: bool) -> Iterable[str]:
     if design.streams.receive:
         yield f"Signals of other devices: {', '.join(design.streams.receive)}."
     yield "Times of sessions, stops and interruptions; notes of experimenters; adverse events."
-    yield from HOSTED_DATA if hosted else ()
+    yield from HOSTED_STUDY_DATA if hosted else ()
     yield "No camera picture and no sound is recorded."
 
 
@@ -189,7 +194,7 @@ def _retention(design: Design) -> str:
         "All data of participants": (retention.data_years, "years"),
     }
     end = f"the study's end ({retention.ended_on})" if retention.ended_on else "the study's end"
-    return bullet_list(
+    return format_bullet_list(
         f"{what}: "
         + (
             _fill_in("period, also under [retention] in study.toml")

@@ -16,11 +16,11 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from avrgym.study.storage.rows import StudyAnswer
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.database_rows import StudyAnswer
+from avrgym.study.storage.store import StudyStore
 
-Kind = Literal["attention", "straight_lining", "response_time"]
-KINDS: tuple[Kind, ...] = ("attention", "straight_lining", "response_time")
+ExclusionRuleKind = Literal["attention", "straight_lining", "response_time"]
+EXCLUSION_RULE_KINDS: tuple[ExclusionRuleKind, ...] = ("attention", "straight_lining", "response_time")
 MIN_STRAIGHT_LINING_ITEMS = 3
 """Minimum number of items of a questionnaire for straight-lining. Shorter questionnaires are ignored."""
 
@@ -37,7 +37,7 @@ class ExclusionRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
     """
 
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=80)]
-    kind: Kind
+    kind: ExclusionRuleKind
     item: str = ""
     allowed: tuple[int, ...] = ()
     max_share: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.0
@@ -66,7 +66,7 @@ class RuleViolation:
     """Exclusion of a participant by a rule. ``reason``: the rule's name with the measured and the allowed value."""
 
     participant: str
-    rule: str
+    rule_name: str
     reason: str
 
 
@@ -80,16 +80,16 @@ def find_rule_error(rule: ExclusionRule, items: Iterable[str]) -> str:
     return "" if rule.allowed else "allowed is empty; allowed: the right answers"
 
 
-def answer_quality(store: Store, pseudonym: str) -> AnswerQuality:
+def compute_answer_quality(store: StudyStore, pseudonym: str) -> AnswerQuality:
     """Returns the quality of a participant's answers to questionnaires after trials, without answers of a proxy."""
     answers = _own_answers(store, pseudonym)
     times = [each.response_time_s for each in answers]
     return AnswerQuality(
-        pseudonym, len(answers), straight_lined_share(answers), median(times) if times else None
+        pseudonym, len(answers), compute_straight_lining_fraction(answers), median(times) if times else None
     )
 
 
-def straight_lined_share(answers: Sequence[StudyAnswer]) -> float | None:
+def compute_straight_lining_fraction(answers: Sequence[StudyAnswer]) -> float | None:
     """Returns the share of questionnaires with equal answers to all items; ``None`` without long questionnaires."""
     by_attempt: dict[int | None, list[int]] = defaultdict(list)
     for each in answers:
@@ -98,21 +98,23 @@ def straight_lined_share(answers: Sequence[StudyAnswer]) -> float | None:
     return sum(len(set(values)) == 1 for values in long) / len(long) if long else None
 
 
-def violations(store: Store, rules: Sequence[ExclusionRule]) -> list[RuleViolation]:
+def find_rule_violations(store: StudyStore, rules: Sequence[ExclusionRule]) -> list[RuleViolation]:
     """Returns all violations of the rules, by participant and in the order of the rules."""
     if not rules:
         return []
     return [
         RuleViolation(participant.pseudonym, rule.name, f"rule {rule.name!r}: {reason}")
-        for participant in store.participants()
+        for participant in store.read_participants()
         for answers in [_own_answers(store, participant.pseudonym)]
         for rule in rules
         if (reason := _violation(rule, answers))
     ]
 
 
-def _own_answers(store: Store, pseudonym: str) -> list[StudyAnswer]:
-    return [each for each in store.answers(pseudonym) if each.attempt is not None and each.respondent is None]
+def _own_answers(store: StudyStore, pseudonym: str) -> list[StudyAnswer]:
+    return [
+        each for each in store.read_answers(pseudonym) if each.attempt is not None and each.respondent is None
+    ]
 
 
 def _violation(rule: ExclusionRule, answers: Sequence[StudyAnswer]) -> str:
@@ -123,7 +125,7 @@ def _violation(rule: ExclusionRule, answers: Sequence[StudyAnswer]) -> str:
         if given and wrong / len(given) > rule.max_share:
             return f"{wrong} of {len(given)} answers to {rule.item} are wrong; allowed: {_percent(rule.max_share)}"
     elif rule.kind == "straight_lining":
-        share = straight_lined_share(answers)
+        share = compute_straight_lining_fraction(answers)
         if share is not None and share > rule.max_share:
             return (
                 f"all answers are equal in {_percent(share)} of the questionnaires; "

@@ -6,12 +6,12 @@ Likelihood and severity are proposals for a study with the settings of this prog
 from collections.abc import Mapping
 
 from avrgym.study.people.invitations import list_invitations
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import StudyStore
 
 HOST_SETTINGS_FILE = "host.toml"
 """File of the settings of a hosted study, in the study's folder."""
 
-HOSTED_DATA = (
+HOSTED_STUDY_DATA = (
     "Invitation: checksum of its token, label, expiry time, and the time of its use.",
     "Id at a recruitment service, if any: encrypted in the identity file. Ids of study and submission there.",
     "Identification of the headset and its browser, and measurements of the connection.",
@@ -19,7 +19,7 @@ HOSTED_DATA = (
 )
 """Data of a hosted study, in addition to those of a study in a laboratory."""
 
-HOSTED_MEASURES = (
+HOSTED_STUDY_SAFEGUARDS = (
     "Invitations and participants' own links have 128 random bits and are stored as checksums only.",
     "Tokens are never in a request line, a cookie or a log. Browsers do not send them to other sites.",
     "The public server has no page for experimenters; their server accepts connections of its own computer only.",
@@ -30,7 +30,7 @@ HOSTED_MEASURES = (
 )
 """Security measures of a hosted study, in addition to those of every study."""
 
-HOSTED_RISKS: Mapping[str, str] = {
+HOSTED_STUDY_RISKS: Mapping[str, str] = {
     "Harm at home without an experimenter": "A person stumbles, hits furniture or feels sick. Likelihood: possible. "
     "Severity: limited. Measures: seated posture, a guide to chair and room before each session, headset check, stop "
     "by button or gesture at any time, maximum duration. Residual risk: low for people who can remove the headset.",
@@ -50,6 +50,6 @@ HOSTED_RISKS: Mapping[str, str] = {
 """Risks of a hosted study by heading: cause, likelihood, severity, measures and residual risk."""
 
 
-def is_hosted(store: Store) -> bool:
+def is_hosted_study(store: StudyStore) -> bool:
     """Returns whether a study has settings of a host, or invitations for participants at home."""
     return (store.folder / HOST_SETTINGS_FILE).is_file() or bool(list_invitations(store))

@@ -6,10 +6,10 @@ from typing import Any
 
 import tomlkit
 
-from avrgym.study.design.design import FILE as DESIGN
+from avrgym.study.design.design import DESIGN_FILE as DESIGN
 from avrgym.study.design.design import Design
-from avrgym.study.plan.plan import FILE, AvailableTests, Hypothesis
-from avrgym.study.storage.states import StudyError
+from avrgym.study.plan.analysis_plan import PLAN_FILE, AvailableTests, Hypothesis
+from avrgym.study.storage.state_transitions import StudyError
 from avrgym.system.files import write_private_file
 
 _TEXT = """\
@@ -73,15 +73,15 @@ def write_plan_template(
         StudyError: if the file exists; it is not changed.
         OSError: if the file cannot be written.
     """
-    path = folder / FILE
+    path = folder / PLAN_FILE
     try:
-        write_private_file(path, plan_template_text(design, available_tests, hypotheses))
+        write_private_file(path, format_plan_template(design, available_tests, hypotheses))
     except FileExistsError:
         raise StudyError(f"{path} exists already and was not changed; edit it, or remove it first") from None
     return path
 
 
-def plan_template_text(
+def format_plan_template(
     design: Design, available_tests: AvailableTests, hypotheses: Sequence[Hypothesis]
 ) -> str:
     """Returns the text of ``plan.toml`` for a design, with these hypotheses."""

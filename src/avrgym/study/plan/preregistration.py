@@ -7,27 +7,31 @@ headings are shortened.
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from avrgym.study.design.description import (
+from avrgym.study.design.design import Design
+from avrgym.study.design.design_description import (
     describe_blinding,
     describe_conditions,
     describe_procedure,
     describe_randomization,
 )
-from avrgym.study.design.design import Design
+from avrgym.study.plan.analysis_plan import AnalysisPlan, AvailableTests, read_analysis_plan
 from avrgym.study.plan.exclusion_rules import ExclusionRule
-from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, check_can_freeze, read_frozen_plan
-from avrgym.study.plan.plan import AvailableTests, Plan, read_plan
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.plan.frozen_plan import (
+    FROZEN_PLAN_FILE,
+    check_plan_can_be_frozen,
+    read_frozen_plan_evidence,
+)
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from avrgym.system.files import read_user_text, write_private_file
 
 FormFields = Mapping[str, Mapping[str, str]]
 """Texts by section and heading."""
-NOT_SPECIFIED = "(not specified)"
-NO_DATA_YET = "None: a plan can be frozen only before the first participant."
+NOT_SPECIFIED_TEXT = "(not specified)"
+NO_DATA_YET_TEXT = "None: a plan can be frozen only before the first participant."
 
 
-def write_preregistration(store: Store, available_tests: AvailableTests, form: str) -> Path:
+def write_preregistration(store: StudyStore, available_tests: AvailableTests, form: str) -> Path:
     """Write a study's plan, frozen or not, as the fields of a form. Returns the file's path.
 
     Raises:
@@ -39,15 +43,15 @@ def write_preregistration(store: Store, available_tests: AvailableTests, form: s
     if form not in PREREGISTRATION_FORMS:
         raise StudyError(f"unknown form {form!r}; allowed: {', '.join(PREREGISTRATION_FORMS)}")
     title, fields = PREREGISTRATION_FORMS[form]
-    frozen = read_frozen_plan(store)
+    frozen = read_frozen_plan_evidence(store)
     if frozen is None:
-        check_can_freeze(store)
-        plan, state = read_plan(store.folder, store.design, available_tests)[0], "Not frozen yet."
-    elif frozen.record is None or not frozen.is_confirmatory:
-        raise StudyError(f"{FROZEN_PLAN_FILE} {'; '.join(frozen.faults)}")
+        check_plan_can_be_frozen(store)
+        plan, state = read_analysis_plan(store.folder, store.design, available_tests)[0], "Not frozen yet."
+    elif frozen.frozen_plan is None or not frozen.is_confirmatory:
+        raise StudyError(f"{FROZEN_PLAN_FILE} {'; '.join(frozen.error_messages)}")
     else:
         plan, state = (
-            frozen.record.parsed_plan(),
+            frozen.frozen_plan.parse_plan(),
             f"Frozen with AVR Gym at {frozen.existed_since_text} (UTC).",
         )
     text = format_markdown(
@@ -72,11 +76,11 @@ def format_markdown(title: str, state: str, fields: FormFields) -> str:
     for section, answers in fields.items():
         lines += [f"## {section}"] if section else []
         for heading, text in answers.items():
-            lines += [f"### {heading}", text or NOT_SPECIFIED]
+            lines += [f"### {heading}", text or NOT_SPECIFIED_TEXT]
     return "\n\n".join(lines) + "\n"
 
 
-def _osf(design: Design, plan: Plan, available_tests: AvailableTests) -> FormFields:
+def _osf(design: Design, plan: AnalysisPlan, available_tests: AvailableTests) -> FormFields:
     return {
         "Study information": {
             "Title": design.title,
@@ -91,7 +95,7 @@ def _osf(design: Design, plan: Plan, available_tests: AvailableTests) -> FormFie
         },
         "Sampling plan": {
             "Existing data": "Registration prior to creation of data",
-            "Explanation of existing data": NO_DATA_YET,
+            "Explanation of existing data": NO_DATA_YET_TEXT,
             "Data collection procedures": _procedures(design),
             "Sample size": f"{plan.participants} participants.",
             "Sample size rationale": plan.sample_size_rationale,
@@ -108,15 +112,15 @@ def _osf(design: Design, plan: Plan, available_tests: AvailableTests) -> FormFie
             "Inference criteria": _inference(),
             "Data exclusion": _exclusion(design, plan),
             "Missing data": "If one trial of a pair is missing, the test excludes the other trial.",
-            "Exploratory analyses": bullet_list(plan.exploratory),
+            "Exploratory analyses": format_bullet_list(plan.exploratory),
         },
         "Other": {"Other": plan.other},
     }
 
 
-def _aspredicted(design: Design, plan: Plan, available_tests: AvailableTests) -> FormFields:
+def _aspredicted(design: Design, plan: AnalysisPlan, available_tests: AvailableTests) -> FormFields:
     questions = {
-        "Data collected already": NO_DATA_YET,
+        "Data collected already": NO_DATA_YET_TEXT,
         "Question or hypothesis": _hypotheses(plan),
         "Dependent variables": _measures(design, plan),
         "Conditions": f"{describe_conditions(design)} {describe_randomization(design)}",
@@ -125,12 +129,16 @@ def _aspredicted(design: Design, plan: Plan, available_tests: AvailableTests) ->
         "Number of observations": _paragraphs(
             f"{plan.participants} participants.", plan.stopping_rule, plan.sample_size_rationale
         ),
-        "Anything else": _paragraphs(plan.other, f"Exploratory tests:\n\n{bullet_list(plan.exploratory)}"),
+        "Anything else": _paragraphs(
+            plan.other, f"Exploratory tests:\n\n{format_bullet_list(plan.exploratory)}"
+        ),
     }
     return {"": {f"{number}. {name}": text for number, (name, text) in enumerate(questions.items(), start=1)}}
 
 
-PREREGISTRATION_FORMS: Mapping[str, tuple[str, Callable[[Design, Plan, AvailableTests], FormFields]]] = {
+PREREGISTRATION_FORMS: Mapping[
+    str, tuple[str, Callable[[Design, AnalysisPlan, AvailableTests], FormFields]]
+] = {
     "osf": ("fields of the OSF preregistration", _osf),
     "aspredicted": ("answers for AsPredicted", _aspredicted),
 }
@@ -140,43 +148,43 @@ PREREGISTRATION_FORMS: Mapping[str, tuple[str, Callable[[Design, Plan, Available
 # Facts about a study
 
 
-def _hypotheses(plan: Plan) -> str:
-    return bullet_list(f"{each.id}: {each.text}" for each in plan.hypotheses)
+def _hypotheses(plan: AnalysisPlan) -> str:
+    return format_bullet_list(f"{each.id}: {each.text}" for each in plan.hypotheses)
 
 
 def _procedures(design: Design) -> str:
     asked = [f"{each.text} {'Yes' if each.required else 'No'}." for each in design.inclusion]
     about = design.reporting
     return _paragraphs(
-        f"Recruitment: {about.recruitment or NOT_SPECIFIED}",
-        f"Compensation: {about.compensation or NOT_SPECIFIED}",
-        f"Ethics approval: {about.ethics_approval or NOT_SPECIFIED}",
-        f"Participants consent and answer as follows:\n\n{bullet_list(asked)}" if asked else "",
+        f"Recruitment: {about.recruitment or NOT_SPECIFIED_TEXT}",
+        f"Compensation: {about.compensation or NOT_SPECIFIED_TEXT}",
+        f"Ethics approval: {about.ethics_approval or NOT_SPECIFIED_TEXT}",
+        f"Participants consent and answer as follows:\n\n{format_bullet_list(asked)}" if asked else "",
     )
 
 
 def _manipulated(design: Design) -> str:
     levels = {"Task": design.tasks, "Robot": design.robots, "Policy": design.policies}
-    return bullet_list(f"{name}: {', '.join(each)}" for name, each in levels.items())
+    return format_bullet_list(f"{name}: {', '.join(each)}" for name, each in levels.items())
 
 
-def _measures(design: Design, plan: Plan) -> str:
+def _measures(design: Design, plan: AnalysisPlan) -> str:
     """Returns the primary measures as a Markdown list. Items have their text and scale."""
     names = dict.fromkeys(measure for each in plan.hypotheses for measure in each.measures)
-    return bullet_list(_measure(design, name) for name in names)
+    return format_bullet_list(_measure(design, name) for name in names)
 
 
 def _measure(design: Design, name: str) -> str:
-    questionnaire = design.questionnaire_of_item(name)
+    questionnaire = design.find_item_questionnaire(name)
     if questionnaire is None:
         return name
     item = design.items_by_id[name]
-    scale = questionnaire.describe_scale(item)
+    scale = questionnaire.describe_response_scale(item)
     return f"{name}: {item.text} {scale[0].upper()}{scale[1:]}."
 
 
-def _tests(plan: Plan, available_tests: AvailableTests) -> str:
-    return bullet_list(
+def _tests(plan: AnalysisPlan, available_tests: AvailableTests) -> str:
+    return format_bullet_list(
         f"{each.id}: {test} ({'; '.join(name for name in available_tests.get(test, ()) if name in each.measures)})"
         for each in plan.hypotheses
         for test in each.tests
@@ -191,7 +199,7 @@ def _inference() -> str:
     )
 
 
-def _exclusion(design: Design, plan: Plan) -> str:
+def _exclusion(design: Design, plan: AnalysisPlan) -> str:
     rules = [
         "Trials in which tracking was lost or jumped for more than "
         f"{100 * plan.exclusion.max_held_share:g} % of the time in which the robot helped.",
@@ -205,7 +213,7 @@ def _exclusion(design: Design, plan: Plan) -> str:
     by_name = [
         f"Participants who violate the rule {each.name!r}: {_rule(each)}" for each in plan.exclusion.rules
     ]
-    return bullet_list([*rules, *by_name, *plan.exclusion.other_rules])
+    return format_bullet_list([*rules, *by_name, *plan.exclusion.other_rules])
 
 
 def _rule(rule: ExclusionRule) -> str:
@@ -219,7 +227,7 @@ def _rule(rule: ExclusionRule) -> str:
     return f"the median time for an item is below {rule.min_seconds:g} s."
 
 
-def bullet_list(items: Iterable[str]) -> str:
+def format_bullet_list(items: Iterable[str]) -> str:
     """Returns items as a Markdown list."""
     return "\n".join(f"- {item}" for item in items)
 

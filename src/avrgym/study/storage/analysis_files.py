@@ -14,7 +14,7 @@ TEMPORARY_FOLDER_PREFIX = ".analysis-"
 ANALYSIS_FORMAT = "avrgym analysis"
 
 
-def previous_analysis_files(folder: Path) -> list[str] | None:
+def find_previous_analysis_files(folder: Path) -> list[str] | None:
     """Returns the files of an earlier analysis in a folder, without ``results.json``; ``None`` without an analysis."""
     try:
         results = json.loads((folder / RESULTS_FILE).read_bytes())
@@ -32,14 +32,14 @@ def remove_files(folder: Path, names: Iterable[str]) -> None:
 
 def remove_analysis(folder: Path) -> None:
     """Remove the files of an analysis from a folder, ``results.json`` last. Other files remain."""
-    names = previous_analysis_files(folder)
+    names = find_previous_analysis_files(folder)
     if names is not None:
         remove_files(folder, [*names, RESULTS_FILE])
-    for path in leftover_analysis_folders(folder):
+    for path in find_leftover_analysis_folders(folder):
         shutil.rmtree(path)
 
 
-def leftover_analysis_folders(folder: Path) -> list[Path]:
+def find_leftover_analysis_folders(folder: Path) -> list[Path]:
     """Returns the temporary folders of killed and running analyses."""
     return sorted(
         path for path in folder.glob(f"{TEMPORARY_FOLDER_PREFIX}*") if path.is_dir() and not path.is_symlink()

@@ -8,36 +8,36 @@ from typing import Any
 import sqlalchemy as sa
 from msgspec.structs import asdict
 
-from avrgym.commands.respondents import CAREGIVER
+from avrgym.commands.respondents import CAREGIVER_RESPONDENT
 from avrgym.questionnaires.questionnaire import SESSION_QUESTION_MOMENTS, Item, validate_answer
 from avrgym.recording.schema import Answer
 from avrgym.study.design.design import Design
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.rows import (
+from avrgym.study.storage.database_rows import (
     Participant,
     StudyAnswer,
     StudyEvent,
     StudySession,
     Trial,
     TrialAttempt,
-    pseudonym_of,
+    format_pseudonym,
 )
-from avrgym.study.storage.schema import utc_timestamp
-from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.schema import make_utc_timestamp
+from avrgym.study.storage.state_transitions import StudyError
 from avrgym.study.storage.store import (
-    Store,
-    event_subject,
+    StudyStore,
     find_open_session,
     find_row,
     find_rows,
     find_running_attempt,
     find_session,
+    make_event_subject,
     record_event,
 )
 
 ANSWER_CHANGED_EVENT = "answer changed"
 """Name of the event for a changed answer. Its detail contains the item and both values."""
-AFTER_BREAK = "after_break"
+AFTER_BREAK_MOMENT = "after_break"
 """The moment after a break. A participant may answer its items several times in a session."""
 SESSION_ANSWER_EVENT_PREFIX = "answered"
 """First word of the event name for an answer about a session; the second word is the moment. Detail: the item."""
@@ -45,7 +45,7 @@ OPEN_QUESTIONNAIRE_EVENT, SKIPPED_QUESTIONNAIRE_EVENT = "questionnaire open", "q
 """Names of the events for a completed trial with unanswered items, and for items that the experimenter skipped."""
 
 
-def record_trial_answer(store: Store, attempt_id: int, answer: Answer) -> None:
+def record_trial_answer(store: StudyStore, attempt_id: int, answer: Answer) -> None:
     """Store an answer to an item after a trial.
 
     Raises:
@@ -54,12 +54,12 @@ def record_trial_answer(store: Store, attempt_id: int, answer: Answer) -> None:
     with store.database.write_transaction() as connection:
         attempt = _find_answerable(connection, attempt_id)
         given = find_rows(connection, StudyAnswer, attempt=attempt.id)
-        items = store.design.items_at_moment("after_trial")
+        items = store.design.list_items_at_moment("after_trial")
         about = {"session": attempt.session, "attempt": attempt.id}
         _insert_answer(connection, items, given, answer, about)
 
 
-def change_trial_answer(store: Store, attempt_id: int, answer: Answer) -> None:
+def change_trial_answer(store: StudyStore, attempt_id: int, answer: Answer) -> None:
     """Replace the answer to an item. An event contains the earlier value.
 
     Raises:
@@ -70,10 +70,10 @@ def change_trial_answer(store: Store, attempt_id: int, answer: Answer) -> None:
         attempt = _find_answerable(connection, attempt_id)
         given = find_rows(connection, StudyAnswer, attempt=attempt.id)
         event = {"session": attempt.session, "attempt": attempt.id}
-        _change(connection, store.design.items_at_moment("after_trial"), given, answer, event)
+        _change(connection, store.design.list_items_at_moment("after_trial"), given, answer, event)
 
 
-def change_session_answer(store: Store, session_id: int, answer: Answer, when: str) -> None:
+def change_session_answer(store: StudyStore, session_id: int, answer: Answer, when: str) -> None:
     """Replace the answer to an item about a session. An event contains the earlier value.
 
     ``when``: the moment of the answer, one of ``QUESTION_MOMENTS``. Raises the errors of ``change_trial_answer``.
@@ -81,12 +81,18 @@ def change_session_answer(store: Store, session_id: int, answer: Answer, when: s
     with store.database.write_transaction() as connection:
         session = find_open_session(connection, session_id)
         answers = find_rows(connection, StudyAnswer, session=session.id, attempt=None)
-        moments = answer_moments(store.design, answers, find_rows(connection, StudyEvent, session=session.id))
+        moments = find_answer_moments(
+            store.design, answers, find_rows(connection, StudyEvent, session=session.id)
+        )
         given = [each for each in answers if moments[each.id] == when]
-        _change(connection, store.design.items_at_moment(when), given, answer, event_subject(session))
+        _change(
+            connection, store.design.list_items_at_moment(when), given, answer, make_event_subject(session)
+        )
 
 
-def record_session_answer(store: Store, session_id: int, answer: Answer, when: str | None = None) -> None:
+def record_session_answer(
+    store: StudyStore, session_id: int, answer: Answer, when: str | None = None
+) -> None:
     """Store an answer to an item before or after a session, or after a break.
 
     ``when``: the moment, one of ``QUESTION_MOMENTS``; required if the item is shown at several moments.
@@ -98,42 +104,48 @@ def record_session_answer(store: Store, session_id: int, answer: Answer, when: s
     with store.database.write_transaction() as connection:
         session = find_open_session(connection, session_id)
         answers = find_rows(connection, StudyAnswer, session=session.id, attempt=None)
-        moments = answer_moments(store.design, answers, find_rows(connection, StudyEvent, session=session.id))
-        given = [each for each in answers if moments[each.id] == moment and moment != AFTER_BREAK]
+        moments = find_answer_moments(
+            store.design, answers, find_rows(connection, StudyEvent, session=session.id)
+        )
+        given = [each for each in answers if moments[each.id] == moment and moment != AFTER_BREAK_MOMENT]
         _insert_answer(
-            connection, store.design.items_at_moment(moment), given, answer, {"session": session.id}
+            connection, store.design.list_items_at_moment(moment), given, answer, {"session": session.id}
         )
         record_event(
-            connection, f"{SESSION_ANSWER_EVENT_PREFIX} {moment}", answer.item, event_subject(session)
+            connection, f"{SESSION_ANSWER_EVENT_PREFIX} {moment}", answer.item, make_event_subject(session)
         )
 
 
-def caregiver_answers(store: Store, session_id: int) -> dict[str, int]:
+def read_caregiver_answers(store: StudyStore, session_id: int) -> dict[str, int]:
     """Returns the caregiver's answers (option numbers from 1) to the questions for caregivers about a session, by item
     id.
     """
     with store.database.read_transaction() as connection:
-        given = find_rows(connection, StudyAnswer, session=session_id, attempt=None, respondent=CAREGIVER)
+        given = find_rows(
+            connection, StudyAnswer, session=session_id, attempt=None, respondent=CAREGIVER_RESPONDENT
+        )
     return {each.item: each.value for each in given}
 
 
-def record_caregiver_answer(store: Store, session_id: int, answer: Answer) -> None:
+def record_caregiver_answer(store: StudyStore, session_id: int, answer: Answer) -> None:
     """Store or change a caregiver's answer to a question for caregivers. The session may have ended.
 
     Raises:
         StudyError: for an invalid answer, or an unknown session.
     """
-    items = store.design.items_at_moment(CAREGIVER)
+    items = store.design.list_items_at_moment(CAREGIVER_RESPONDENT)
     with store.database.write_transaction() as connection:
         session = find_session(connection, session_id)
-        given = find_rows(connection, StudyAnswer, session=session.id, attempt=None, respondent=CAREGIVER)
+        given = find_rows(
+            connection, StudyAnswer, session=session.id, attempt=None, respondent=CAREGIVER_RESPONDENT
+        )
         if any(each.item == answer.item for each in given):
-            _change(connection, items, given, answer, event_subject(session))
+            _change(connection, items, given, answer, make_event_subject(session))
         else:
-            _insert_answer(connection, items, given, answer, {"session": session.id}, CAREGIVER)
+            _insert_answer(connection, items, given, answer, {"session": session.id}, CAREGIVER_RESPONDENT)
 
 
-def answer_moments(
+def find_answer_moments(
     design: Design, answers: Iterable[StudyAnswer], events: Iterable[StudyEvent]
 ) -> dict[int, str]:
     """Returns the moment (one of ``QUESTION_MOMENTS``) of each answer, by the answer's id.
@@ -151,15 +163,15 @@ def answer_moments(
     for answer in reversed(list(answers)):
         if answer.attempt is not None:
             moments[answer.id] = "after_trial"
-        elif answer.respondent == CAREGIVER:
-            moments[answer.id] = CAREGIVER
+        elif answer.respondent == CAREGIVER_RESPONDENT:
+            moments[answer.id] = CAREGIVER_RESPONDENT
         else:
             own = of_events.get((answer.session, answer.item))
             moments[answer.id] = own.pop() if own else _only_moment(design, answer.item)
     return moments
 
 
-def session_ids_of_visit(sessions: Sequence[StudySession], session_id: int) -> list[int]:
+def find_session_ids_of_visit(sessions: Sequence[StudySession], session_id: int) -> list[int]:
     """Returns the ids of the sessions in a visit: a session, and the interrupted sessions directly before it.
 
     ``sessions``: all sessions of a participant, in order.
@@ -175,14 +187,14 @@ def session_ids_of_visit(sessions: Sequence[StudySession], session_id: int) -> l
 
 
 def reconcile_answers(
-    store: Store, connection: sa.Connection, attempt: TrialAttempt, recorded: Sequence[Answer]
+    store: StudyStore, connection: sa.Connection, attempt: TrialAttempt, recorded: Sequence[Answer]
 ) -> list[Answer]:
     """Store recorded answers that the database lacks. Returns stored answers that the recording lacks.
 
     For each item, the source with more answers is newer, because answers are only added or changed.
     """
     items, event = (
-        store.design.items_at_moment("after_trial"),
+        store.design.list_items_at_moment("after_trial"),
         {"session": attempt.session, "attempt": attempt.id},
     )
     before = find_rows(connection, StudyAnswer, attempt=attempt.id)
@@ -206,43 +218,47 @@ def _changes(connection: sa.Connection, attempt: TrialAttempt, item: str) -> int
     return sum(event.detail.startswith(f"{item} from ") for event in changed)
 
 
-def items_answered_in_visit(store: Store, session: StudySession) -> set[tuple[str, str]]:
+def find_items_answered_in_visit(store: StudyStore, session: StudySession) -> set[tuple[str, str]]:
     """Returns moment and item of each answer about a session in the session's visit."""
-    pseudonym = pseudonym_of(session.participant)
-    visit = session_ids_of_visit(store.sessions(pseudonym), session.id)
+    pseudonym = format_pseudonym(session.participant)
+    visit = find_session_ids_of_visit(store.read_sessions(pseudonym), session.id)
     answers = [
-        answer for answer in store.answers(pseudonym) if answer.attempt is None and answer.session in visit
+        answer
+        for answer in store.read_answers(pseudonym)
+        if answer.attempt is None and answer.session in visit
     ]
-    moments = answer_moments(store.design, answers, store.session_events(pseudonym))
+    moments = find_answer_moments(store.design, answers, store.read_session_events(pseudonym))
     return {(moments[answer.id], answer.item) for answer in answers}
 
 
 def _only_moment(design: Design, item_id: str) -> str:
     """Returns the moment of an item about a session. If the item has two moments, it is the first one."""
-    questionnaire = design.questionnaire_of_item(item_id)
+    questionnaire = design.find_item_questionnaire(item_id)
     moments = questionnaire.moments if questionnaire else ()
     return next(
         (moment for moment in SESSION_QUESTION_MOMENTS if moment in moments), SESSION_QUESTION_MOMENTS[-1]
     )
 
 
-def attempts_with_open_questionnaire(store: Store, attempts: Iterable[TrialAttempt]) -> list[TrialAttempt]:
+def find_attempts_with_open_questionnaire(
+    store: StudyStore, attempts: Iterable[TrialAttempt]
+) -> list[TrialAttempt]:
     """Returns the attempts with an open questionnaire, as defined by ``has_open_questionnaire``."""
     with store.database.read_transaction() as connection:
         return [attempt for attempt in attempts if has_open_questionnaire(store, connection, attempt)]
 
 
-def has_open_questionnaire(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> bool:
+def has_open_questionnaire(store: StudyStore, connection: sa.Connection, attempt: TrialAttempt) -> bool:
     """Returns whether an attempt completed its trial, but has unanswered items that were not skipped."""
     names = _events_of(connection, attempt.id) if attempt.state == "completed" else set[str]()
     return (
         OPEN_QUESTIONNAIRE_EVENT in names
         and SKIPPED_QUESTIONNAIRE_EVENT not in names
-        and bool(unanswered_items(store, connection, attempt))
+        and bool(find_unanswered_items(store, connection, attempt))
     )
 
 
-def skip_questionnaire(store: Store, attempt_id: int, items: Sequence[str]) -> None:
+def skip_questionnaire(store: StudyStore, attempt_id: int, items: Sequence[str]) -> None:
     """Store that the experimenter skipped items of an attempt. ``items``: ids of the items."""
     with store.database.write_transaction() as connection:
         attempt = _find_answerable(connection, attempt_id)
@@ -271,13 +287,13 @@ def _events_of(connection: sa.Connection, attempt_id: int) -> set[str]:
     return {event.name for event in find_rows(connection, StudyEvent, attempt=attempt_id)}
 
 
-def unanswered_items(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> list[str]:
+def find_unanswered_items(store: StudyStore, connection: sa.Connection, attempt: TrialAttempt) -> list[str]:
     """Returns the ids of the unanswered items of an attempt; empty for practice trials."""
     trial = find_row(connection, Trial, "trial", id=attempt.trial)
     if trial.practice:
         return []
     given = {answer.item for answer in find_rows(connection, StudyAnswer, attempt=attempt.id)}
-    return [item.id for item in store.design.items_at_moment("after_trial") if item.id not in given]
+    return [item.id for item in store.design.list_items_at_moment("after_trial") if item.id not in given]
 
 
 def _change(
@@ -294,11 +310,11 @@ def _change(
     changed: dict[str, Any] = {
         "value": answer.value,
         "response_time_s": answer.response_time_s,
-        "answered_at": utc_timestamp(),
+        "answered_at": make_utc_timestamp(),
     }
-    if earlier.respondent != CAREGIVER:
+    if earlier.respondent != CAREGIVER_RESPONDENT:
         changed["respondent"] = _respondent(connection, earlier.session)
-    hash_chain.update(connection, schema.ANSWER_TABLE, earlier.id, **changed)
+    hash_chain.update_row(connection, schema.ANSWER_TABLE, earlier.id, **changed)
     record_event(
         connection, ANSWER_CHANGED_EVENT, f"{answer.item} from {earlier.value} to {answer.value}", event
     )
@@ -320,10 +336,10 @@ def _insert_answer(
     if any(earlier.item == answer.item for earlier in given):
         raise StudyError(f"{answer.item} is answered already; the participant can go back and change it")
     values = asdict(answer) | {
-        "answered_at": utc_timestamp(),
+        "answered_at": make_utc_timestamp(),
         "respondent": respondent or _respondent(connection, about["session"]),
     }
-    hash_chain.insert(connection, schema.ANSWER_TABLE, **values, **about)
+    hash_chain.insert_row(connection, schema.ANSWER_TABLE, **values, **about)
 
 
 def _respondent(connection: sa.Connection, session_id: int) -> str | None:

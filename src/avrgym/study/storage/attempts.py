@@ -14,20 +14,20 @@ from avrgym.recording.reader import RecordingError, read_recording
 from avrgym.recording.schema import ATTEMPT_ENDS, AttemptEnd, Metrics
 from avrgym.recording.writer import complete_truncated_recording
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.answers import OPEN_QUESTIONNAIRE_EVENT, reconcile_answers, unanswered_items
-from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt
-from avrgym.study.storage.schema import utc_timestamp
-from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.answers import OPEN_QUESTIONNAIRE_EVENT, find_unanswered_items, reconcile_answers
+from avrgym.study.storage.database_rows import StudySession, Trial, TrialAttempt
+from avrgym.study.storage.schema import make_utc_timestamp
+from avrgym.study.storage.state_transitions import StudyError
 from avrgym.study.storage.store import (
-    Store,
+    StudyStore,
     change_state,
-    event_subject,
     find_open_session,
     find_row,
     find_rows,
     find_running_attempt,
     find_session,
     find_trial,
+    make_event_subject,
     record_event,
 )
 from avrgym.system.files import make_private_folder
@@ -41,7 +41,7 @@ CHECKSUM_MISMATCH_MESSAGE = "was changed: its checksum differs"
 
 
 def begin_attempt(
-    store: Store,
+    store: StudyStore,
     session_id: int,
     position: int,
     recording: Path | None = None,
@@ -66,11 +66,11 @@ def begin_attempt(
     with store.database.write_transaction() as connection:
         session = find_open_session(connection, session_id)
         trial = find_trial(connection, session, position)
-        change_state(connection, trial, "running", event_subject(session))
+        change_state(connection, trial, "running", make_event_subject(session))
         _check_idle(connection, session)
         number = len(find_rows(connection, TrialAttempt, trial=trial.id)) + 1
         name = _name(store, session, recording) if recording else _free_name(store, session, trial, number)
-        attempt = hash_chain.insert(
+        attempt = hash_chain.insert_row(
             connection,
             schema.ATTEMPT_TABLE,
             trial=trial.id,
@@ -81,13 +81,13 @@ def begin_attempt(
             metrics={},
             torso_height_m=torso_height_m,
             input_profile=None if input_profile is None else msgspec.to_builtins(input_profile),
-            started_at=utc_timestamp(),
+            started_at=make_utc_timestamp(),
         )
-        record_event(connection, "attempt running", name, {**event_subject(session), "attempt": attempt})
+        record_event(connection, "attempt running", name, {**make_event_subject(session), "attempt": attempt})
         return find_row(connection, TrialAttempt, "attempt", id=attempt)
 
 
-def complete_attempt(store: Store, attempt_id: int, metrics: Metrics) -> None:
+def complete_attempt(store: StudyStore, attempt_id: int, metrics: Metrics) -> None:
     """Store that an attempt completed its trial. The recording must be closed. Answers may still be missing.
 
     Args:
@@ -100,7 +100,7 @@ def complete_attempt(store: Store, attempt_id: int, metrics: Metrics) -> None:
     """
     with store.database.write_transaction() as connection:
         attempt = find_running_attempt(connection, attempt_id)
-        if not store.absolute_path(attempt.recording).is_file():
+        if not store.resolve_path(attempt.recording).is_file():
             raise StudyError(
                 f"{attempt} cannot be completed: {attempt.recording} is missing; restore the file"
             )
@@ -108,7 +108,7 @@ def complete_attempt(store: Store, attempt_id: int, metrics: Metrics) -> None:
 
 
 def end_incomplete_attempt(
-    store: Store, attempt_id: int, state: AttemptEnd, metrics: Metrics = EMPTY_METRICS
+    store: StudyStore, attempt_id: int, state: AttemptEnd, metrics: Metrics = EMPTY_METRICS
 ) -> None:
     """End an incomplete attempt. Its trial becomes planned again.
 
@@ -130,7 +130,7 @@ def end_incomplete_attempt(
 
 
 def store_attempt_end(
-    store: Store,
+    store: StudyStore,
     connection: sa.Connection,
     attempt: TrialAttempt,
     after: AttemptEnd,
@@ -144,21 +144,21 @@ def store_attempt_end(
     """
     trial = find_row(connection, Trial, "trial", id=attempt.trial)
     session = find_session(connection, attempt.session)
-    event = {**event_subject(session), "attempt": attempt.id}
+    event = {**make_event_subject(session), "attempt": attempt.id}
     ended = {
-        "ended_at": utc_timestamp(),
-        "sha256": recording_sha256(store, attempt.recording) if closed else None,
+        "ended_at": make_utc_timestamp(),
+        "sha256": compute_recording_sha256(store, attempt.recording) if closed else None,
         "metrics": _finite(metrics),
     }
     change_state(connection, attempt, after, event, attempt.recording, **ended)
     change_state(connection, trial, "completed" if after == "completed" else "planned", event)
-    missing = unanswered_items(store, connection, attempt) if after == "completed" else []
+    missing = find_unanswered_items(store, connection, attempt) if after == "completed" else []
     if missing:
         record_event(connection, OPEN_QUESTIONNAIRE_EVENT, ", ".join(missing), event)
 
 
 def recover_attempt_metrics(
-    store: Store, connection: sa.Connection, attempt: TrialAttempt, *, writer_ended: bool
+    store: StudyStore, connection: sa.Connection, attempt: TrialAttempt, *, writer_ended: bool
 ) -> Metrics | None:
     """Returns the metrics of an attempt after a crash; ``None`` if the robot had not finished.
 
@@ -168,14 +168,14 @@ def recover_attempt_metrics(
     Raises:
         StudyError: if the recording or its answers cannot be written.
     """
-    path = store.absolute_path(attempt.recording)
+    path = store.resolve_path(attempt.recording)
     if not path.is_file():
         return None
     try:
         if writer_ended:
             complete_truncated_recording(path)
         recording = read_recording(path)
-        if not (recording.complete and recording.result == "completed"):
+        if not (recording.is_complete and recording.result == "completed"):
             return None
         answers = [answer for _, answer in recording.messages_by_topic["/answers"]]
         for answer in reconcile_answers(store, connection, attempt, answers):
@@ -189,9 +189,9 @@ def recover_attempt_metrics(
     return recording.metrics
 
 
-def recording_sha256(store: Store, recording: str) -> str | None:
+def compute_recording_sha256(store: StudyStore, recording: str) -> str | None:
     """Returns the SHA-256 of a recording; ``None`` if it does not exist."""
-    path = store.absolute_path(recording)
+    path = store.resolve_path(recording)
     if not path.is_file():
         return None
     with open(path, "rb") as file:
@@ -213,19 +213,19 @@ def _check_idle(connection: sa.Connection, session: StudySession) -> None:
         raise StudyError(f"the attempt {running[0]} is running; end it before you start another attempt")
 
 
-def _name(store: Store, session: StudySession, recording: Path) -> str:
+def _name(store: StudyStore, session: StudySession, recording: Path) -> str:
     """Returns the path of an attempt's recording, relative to the study's folder."""
-    folder = store.absolute_path(session.recordings_folder)
+    folder = store.resolve_path(session.recordings_folder)
     if recording.resolve().parent != folder.resolve() or not recording.is_file():
         raise StudyError(f"{recording} is not a file in {folder}; allowed: files in the session's folder")
     return f"{session.recordings_folder}/{recording.name}"
 
 
-def _free_name(store: Store, session: StudySession, trial: Trial, number: int) -> str:
+def _free_name(store: StudyStore, session: StudySession, trial: Trial, number: int) -> str:
     """Returns the first unused path for a recording, with attempt number ``number`` or higher."""
-    make_private_folder(store.absolute_path(session.recordings_folder))
+    make_private_folder(store.resolve_path(session.recordings_folder))
     while True:
         recording = f"{session.recordings_folder}/trial-{trial.position:02}_attempt-{number}.mcap"
-        if not os.path.lexists(store.absolute_path(recording)):
+        if not os.path.lexists(store.resolve_path(recording)):
             return recording
         number += 1

@@ -2,24 +2,24 @@
 
 from collections.abc import Iterator, Sequence
 
-from avrgym.study.storage.participation import DATABASE_REBUILT_EVENT
-from avrgym.study.storage.rows import Participant, StudyEvent
-from avrgym.study.storage.sites import ROWS_PER_SITE
-from avrgym.study.storage.states import UNKNOWN_PARTICIPATION
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.database_rows import Participant, StudyEvent
+from avrgym.study.storage.participation_list import DATABASE_REBUILT_EVENT
+from avrgym.study.storage.sites import ROW_ID_STRIDE
+from avrgym.study.storage.state_transitions import UNKNOWN_PARTICIPATION_STATE
+from avrgym.study.storage.store import StudyStore
 
 PARTICIPATION_CONFIRMED_EVENT = "participation confirmed"
 """Name of the event for a consent that the experimenter confirmed from other records after a data loss."""
 
 
-def describe_data_loss(store: Store) -> tuple[str, ...]:
+def describe_data_loss(store: StudyStore) -> tuple[str, ...]:
     """Returns sentences about each rebuild of the database, and about participants with an unknown state."""
     return tuple(_sentences(store))
 
 
-def _sentences(store: Store) -> Iterator[str]:
-    sites = {site.number: site.name for site in store.sites()}
-    events, people = store.events(), store.participants()
+def _sentences(store: StudyStore) -> Iterator[str]:
+    sites = {site.number: site.name for site in store.read_sites()}
+    events, people = store.read_events(), store.read_participants()
     for event in events:
         if event.name == DATABASE_REBUILT_EVENT:
             yield (
@@ -27,7 +27,7 @@ def _sentences(store: Store) -> Iterator[str]:
                 f"{event.recorded_at} (UTC); {event.detail}. A plan is confirmatory only if a trusted time stamp "
                 "proves its date."
             )
-    unknown = [each.pseudonym for each in people if each.state == UNKNOWN_PARTICIPATION]
+    unknown = [each.pseudonym for each in people if each.state == UNKNOWN_PARTICIPATION_STATE]
     if unknown:
         yield (
             "Consent, withdrawal or deletion is unknown since the loss of the database; these participants are in no "
@@ -41,7 +41,7 @@ def _sentences(store: Store) -> Iterator[str]:
 
 
 def _of_site(sites: dict[int, str], event: StudyEvent) -> str:
-    name = sites.get(event.id // ROWS_PER_SITE)
+    name = sites.get(event.id // ROW_ID_STRIDE)
     return f" of the site {name}" if name else ""
 
 

@@ -21,20 +21,25 @@ from sqlalchemy.exc import DBAPIError, OperationalError, SQLAlchemyError
 
 from avrgym.study.storage import hash_chain, sqlite
 from avrgym.study.storage.integrity_files import (
-    CHAIN_HEAD_FILE,
     CHECKSUM_MISMATCH_FILE,
+    HASH_CHAIN_HEAD_FILE,
     IntegrityFileError,
     IntegrityFiles,
 )
-from avrgym.study.storage.participation import DATABASE_REBUILT_EVENT, ParticipationList
-from avrgym.study.storage.participation import FILE as PARTICIPATION
-from avrgym.study.storage.reconciliation import append_transaction, chain_id, compare_with_list, reconcile
+from avrgym.study.storage.participation_list import DATABASE_REBUILT_EVENT, ParticipationList
+from avrgym.study.storage.participation_list import PARTICIPATION_LIST_FILE as PARTICIPATION
+from avrgym.study.storage.reconciliation import (
+    append_transaction_entries,
+    compare_database_with_list,
+    read_hash_chain_id,
+    reconcile_list_and_database,
+)
 from avrgym.study.storage.schema import EVENT_TABLE, METADATA, PARTICIPANT_TABLE, SITE_TABLE, TOMBSTONE_TABLE
-from avrgym.study.storage.states import LostConnectionError, StudyError
+from avrgym.study.storage.state_transitions import LostConnectionError, StudyError
 from avrgym.study.storage.study_folder import find_database_traces
 from avrgym.system.files import make_private_folder, write_private_file
 
-FILE = "study.db"
+DATABASE_FILE = "study.db"
 BACKUP_FOLDER = "backups"
 """Folder of backups before migrations, relative to the study's folder."""
 CHECKSUM_LOCK_TIMEOUT_S = 1.0
@@ -45,14 +50,14 @@ DATABASE_URL_VARIABLE = "AVRGYM_STUDY_DATABASE"
 """Environment variable with the database URL. It replaces the URL in ``study.toml``."""
 MIGRATIONS_FOLDER = Path(__file__).parent / "migrations"
 """Folder of the Alembic migrations."""
-OLDEST_REVISION = "0006_headset_check"
+OLDEST_MIGRATION_REVISION = "0006_headset_check"
 """Database revision of AVR Gym 0.2.0, the first release."""
-UNRELEASED_REVISIONS = ("0007_records", "0008_log", "0009_consents", "0010_design")
-"""Revisions of development versions. One migration upgrades them and revision ``OLDEST_REVISION``."""
+UNRELEASED_MIGRATION_REVISIONS = ("0007_records", "0008_log", "0009_consents", "0010_design")
+"""Revisions of development versions. One migration upgrades them and revision ``OLDEST_MIGRATION_REVISION``."""
 _LOCK = 0x41565247
 
 
-class Database:
+class StudyDatabase:
     """The database of a study. A transaction is on disk when it ends. Write transactions never overlap.
 
     ``read_only``: the folder is read-only; SQLite then reads a copy of the database.
@@ -70,15 +75,15 @@ class Database:
         Raises:
             StudyError: if the database cannot be opened, was lost, or has a newer revision.
         """
-        if not url and not rebuild and not (folder / FILE).exists():
-            _refuse_if_lost(folder, FILE)
-        self._folder, self.read_only = folder, read_only
+        if not url and not rebuild and not (folder / DATABASE_FILE).exists():
+            _refuse_if_lost(folder, DATABASE_FILE)
+        self._folder, self.is_read_only = folder, read_only
         self.is_sqlite = not url
-        self._integrity = IntegrityFiles(folder, FILE)
-        self.participation = ParticipationList(folder)
+        self._integrity = IntegrityFiles(folder, DATABASE_FILE)
+        self.participation_list = ParticipationList(folder)
         self._wrote, self._rebuild, self._was_reached = False, rebuild, False
         self._held = ExitStack()
-        self._path = self._readable_copy() if self.is_sqlite and read_only else folder / FILE
+        self._path = self._readable_copy() if self.is_sqlite and read_only else folder / DATABASE_FILE
         self._engine = sqlite.make_engine(self._path) if self.is_sqlite else _postgresql_engine(url)
         try:
             self._upgrade()
@@ -101,7 +106,7 @@ class Database:
 
         Rows must be written with the functions of ``hash_chain``. Raises ``StudyError`` if the folder is read-only.
         """
-        if self.read_only:
+        if self.is_read_only:
             raise StudyError(f"{self._folder} cannot be written: copy the study to a writable folder")
         with self._write() as connection:
             yield connection
@@ -110,14 +115,14 @@ class Database:
     def _write(self) -> Generator[sa.Connection]:
         with self._lock() as connection:
             self._invalidate_checksum(connection)
-            hash_chain.begin_row_tracking(connection)
+            hash_chain.start_collecting_written_rows(connection)
             yield connection
-            written = hash_chain.written_rows(connection)
-            head = hash_chain.append_entries(connection)
-            if not self.read_only:
-                append_transaction(self.participation, connection, written)
-        if head is not None and not self.read_only:
-            self._integrity.append_head(head)
+            written = hash_chain.list_written_row_keys(connection)
+            head = hash_chain.append_chain_entries(connection)
+            if not self.is_read_only:
+                append_transaction_entries(self.participation_list, connection, written)
+        if head is not None and not self.is_read_only:
+            self._integrity.append_chain_head(head)
 
     @contextmanager
     def _lock(self, **options: float) -> Generator[sa.Connection]:
@@ -154,17 +159,17 @@ class Database:
 
     def reconcile_participation(self) -> None:
         """Make the participation list and the database consistent; see ``reconciliation``."""
-        if self.read_only:
+        if self.is_read_only:
             return
         try:
             with self.read_transaction() as connection:
-                differs = bool(compare_with_list(self.participation, connection))
+                differs = bool(compare_database_with_list(self.participation_list, connection))
         except StudyError:  # a check reports unreadable rows
             return
         if differs:
             with self._write() as connection:
-                reconcile(self.participation, connection)
-        self.participation.store_last_entry()
+                reconcile_list_and_database(self.participation_list, connection)
+        self.participation_list.store_last_entry()
 
     def erase_deleted_data(self) -> None:
         """Overwrite the contents of deleted rows in the database's files.
@@ -182,17 +187,17 @@ class Database:
                 with self._engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
                     connection.execute(sa.text("VACUUM FULL"))
 
-    def find_faults(self) -> list[tuple[str, str]]:
+    def find_integrity_errors(self) -> list[tuple[str, str]]:
         """Returns the errors of the database, its rows and its integrity files, as pairs: place, message."""
         faults = [*self._integrity_faults(), *self._file_faults()]
         with self.read_transaction() as connection:
-            faults += hash_chain.find_faults(connection)
+            faults += hash_chain.find_hash_chain_errors(connection)
         return faults
 
-    def chain_head(self) -> hash_chain.ChainHead:
+    def read_chain_head(self) -> hash_chain.HashChainHead:
         """Returns the head of the hash chain: number and digest of its last entry."""
         with self.read_transaction() as connection:
-            return hash_chain.chain_head(connection)
+            return hash_chain.read_chain_head(connection)
 
     def close(self) -> None:
         """Store the checksum of the database, and close all connections."""
@@ -204,68 +209,71 @@ class Database:
 
     def _readable_copy(self) -> Path:
         folder = Path(self._held.enter_context(TemporaryDirectory(prefix="avrgym-study-")))
-        sqlite.copy_closed_database(self._folder / FILE, folder)
+        sqlite.copy_closed_database(self._folder / DATABASE_FILE, folder)
         self._checksum_at_rest = None
-        if (folder / FILE).exists():
+        if (folder / DATABASE_FILE).exists():
             with _database_errors():
-                self._checksum_at_rest = sqlite.closed_database_checksum(folder / FILE)
-        return folder / FILE
+                self._checksum_at_rest = sqlite.compute_closed_database_checksum(folder / DATABASE_FILE)
+        return folder / DATABASE_FILE
 
     # Integrity files
 
     def _invalidate_checksum(self, connection: sa.Connection) -> None:
         """Remove the stored checksum before a write."""
-        if self.is_sqlite and not self.read_only:
-            self._integrity.invalidate_checksum(lambda: sqlite.database_checksum(connection))
-        self._wrote = not self.read_only
+        if self.is_sqlite and not self.is_read_only:
+            self._integrity.invalidate_checksum(lambda: sqlite.compute_database_checksum(connection))
+        self._wrote = not self.is_read_only
 
     def _store_integrity(self) -> None:
         """Store the file's checksum and the head of the hash chain. Stored heads that the chain lacks remain."""
         with self._lock(wait_s=CHECKSUM_LOCK_TIMEOUT_S) as connection:
             with suppress(IntegrityFileError):
-                ends = hash_chain.missing_chain_heads(connection, self._integrity.read_heads() or ())
-                self._integrity.set_heads(
-                    [*ends, *({hash_chain.chain_head(connection)} - {hash_chain.ChainHead()})]
+                ends = hash_chain.find_missing_chain_heads(
+                    connection, self._integrity.read_chain_heads() or ()
+                )
+                self._integrity.replace_chain_heads(
+                    [*ends, *({hash_chain.read_chain_head(connection)} - {hash_chain.HashChainHead()})]
                 )
             if self.is_sqlite:
-                self._integrity.set_checksum(sqlite.database_checksum(connection))
+                self._integrity.set_checksum(sqlite.compute_database_checksum(connection))
 
     def _checksum(self, connection: sa.Connection) -> str | None:
-        return self._checksum_at_rest if self.read_only else sqlite.database_checksum(connection)
+        return self._checksum_at_rest if self.is_read_only else sqlite.compute_database_checksum(connection)
 
     def _integrity_faults(self) -> Iterator[tuple[str, str]]:
         try:
-            heads = self._integrity.read_heads()
+            heads = self._integrity.read_chain_heads()
             with self._lock() as connection:
-                if self.is_sqlite and self._integrity.stored_checksum not in (
+                if self.is_sqlite and self._integrity.stored_database_checksum not in (
                     None,
                     self._checksum(connection),
                 ):
-                    yield FILE, "was changed by another program: its checksum differs"
-                known = hash_chain.chain_head(connection)
-                lost = hash_chain.missing_chain_heads(connection, heads or ())
+                    yield DATABASE_FILE, "was changed by another program: its checksum differs"
+                known = hash_chain.read_chain_head(connection)
+                lost = hash_chain.find_missing_chain_heads(connection, heads or ())
         except (IntegrityFileError, StudyError) as error:
             yield "database", str(error)
             return
         if self._integrity.has_checksum_mismatch:
             yield (
-                FILE,
+                DATABASE_FILE,
                 f"had been changed by another program; find the cause, then remove {CHECKSUM_MISMATCH_FILE}",
             )
         if lost:
             yield (
                 "ledger",
-                f"ends with entry {known.number} and lacks an entry in {CHAIN_HEAD_FILE}: an older copy replaced it",
+                f"ends with entry {known.number} and lacks an entry in {HASH_CHAIN_HEAD_FILE}: an older copy "
+                f"replaced it",
             )
         if heads is None and self.is_sqlite and known.number:
-            yield CHAIN_HEAD_FILE, "is missing: whether the last rows were lost is unknown"
+            yield HASH_CHAIN_HEAD_FILE, "is missing: whether the last rows were lost is unknown"
 
     def _file_faults(self) -> Iterator[tuple[str, str]]:
         if not self.is_sqlite:
             return
         try:
             with self.read_transaction() as connection:
-                yield from (("database", fault) for fault in sqlite.find_faults(connection))
+                yield from (("database", fault) for fault in sqlite.find_sqlite_errors(connection))
         except StudyError as error:
             yield "database", str(error)
 
@@ -276,7 +284,7 @@ class Database:
             current = MigrationContext.configure(connection).get_current_revision()
         if current == _scripts(MIGRATIONS_FOLDER).get_current_head():
             return
-        if self.read_only and not self.is_sqlite:
+        if self.is_read_only and not self.is_sqlite:
             raise StudyError(
                 f"{self._folder} is read-only, but the study's tables must be upgraded; make it writable"
             )
@@ -290,26 +298,28 @@ class Database:
         try:
             with self.read_transaction() as connection:
                 is_filled = bool(connection.execute(_SOMEBODY).scalar())
-                begun_with = None if is_filled else chain_id(connection)
+                begun_with = None if is_filled else read_hash_chain_id(connection)
         except StudyError:  # a check reports unreadable tables
             return
         if is_filled:
             return
-        listed = self.participation.read()
-        is_own = listed is None or not listed.entries or begun_with in listed.chain_ids
+        listed = self.participation_list.read_entries()
+        is_own = listed is None or not listed.entries or begun_with in listed.hash_chain_ids
         _refuse_if_lost(
             self._folder,
             self._called,
-            ignored=(CHAIN_HEAD_FILE, PARTICIPATION) if is_own else (CHAIN_HEAD_FILE,),
+            ignored=(HASH_CHAIN_HEAD_FILE, PARTICIPATION) if is_own else (HASH_CHAIN_HEAD_FILE,),
         )
 
     @property
     def _called(self) -> str:
-        return FILE if self.is_sqlite else "the database of PostgreSQL"
+        return DATABASE_FILE if self.is_sqlite else "the database of PostgreSQL"
 
     def _migrate(self, connection: sa.Connection) -> None:
         scripts, context = _scripts(MIGRATIONS_FOLDER), MigrationContext.configure(connection)
-        known = sorted({*UNRELEASED_REVISIONS, *(script.revision for script in scripts.walk_revisions())})
+        known = sorted(
+            {*UNRELEASED_MIGRATION_REVISIONS, *(script.revision for script in scripts.walk_revisions())}
+        )
         current = context.get_current_revision()
         if current == scripts.get_current_head():
             return
@@ -324,13 +334,13 @@ class Database:
                 f"{self._folder}: the database has revision {current}; allowed: {', '.join(known)}. Use the version "
                 "of AVR Gym that wrote it"
             )
-        if not self.read_only:
+        if not self.is_read_only:
             self._back_up(connection, current)
         configuration = Config()
         configuration.set_main_option("script_location", str(MIGRATIONS_FOLDER))
         configuration.attributes["connection"] = connection
-        if current in UNRELEASED_REVISIONS:
-            stamp(configuration, OLDEST_REVISION, purge=True)
+        if current in UNRELEASED_MIGRATION_REVISIONS:
+            stamp(configuration, OLDEST_MIGRATION_REVISION, purge=True)
         upgrade(configuration, "head")
 
     def _back_up(self, connection: sa.Connection, revision: str) -> None:
@@ -350,7 +360,7 @@ def _scripts(folder: Path) -> ScriptDirectory:
     return ScriptDirectory(str(folder))
 
 
-def database_url(configured: str) -> str:
+def find_database_url(configured: str) -> str:
     """Returns the URL of the study's database: the environment variable, or the design's URL if it is not set."""
     url = os.environ.get(DATABASE_URL_VARIABLE, configured)
     if url and not url.startswith("postgresql://"):

@@ -1,6 +1,6 @@
 """Limits of free text in a study: length, and allowed characters."""
 
-from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.state_transitions import StudyError
 
 MAX_LINE_LENGTH, MAX_NOTE_LENGTH = 200, 10_000
 """Maximum number of characters of a line (name, contact or reason), and of a note."""

@@ -27,7 +27,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.exc import SQLAlchemyError
 
-from avrgym.study.storage.schema import LEDGER_TABLE, LOG_TABLE, METADATA
+from avrgym.study.storage.schema import AUDIT_LOG_TABLE, LEDGER_TABLE, METADATA
 
 CHAINED_TABLES: Mapping[str, sa.Table] = {
     table.name: table for table in METADATA.sorted_tables if table is not LEDGER_TABLE
@@ -37,24 +37,26 @@ _WRITTEN = "rows that the transaction wrote"
 
 
 @dataclass(frozen=True)
-class ChainHead:
+class HashChainHead:
     """Number and digest of the last entry in a hash chain."""
 
     number: int = 0
     digest: str = ""
 
-    def next_head(self, table: str, key: int, content: str | None) -> "ChainHead":
+    def compute_next_head(self, table: str, key: int, content: str | None) -> "HashChainHead":
         """Returns the head after one more entry.
 
         ``key``: primary key of the row. ``content``: checksum of the row; ``None`` for a deleted row.
         """
-        return ChainHead(self.number + 1, json_sha256([self.digest, self.number + 1, table, key, content]))
+        return HashChainHead(
+            self.number + 1, compute_json_sha256([self.digest, self.number + 1, table, key, content])
+        )
 
 
 # Writing ------------------------------------------------------------------------------------------------------------
 
 
-def insert(connection: sa.Connection, table: sa.Table, **values: Any) -> int:
+def insert_row(connection: sa.Connection, table: sa.Table, **values: Any) -> int:
     """Insert a row with these column values within a transaction. Returns its primary key."""
     inserted = connection.execute(sa.insert(table).values(values)).inserted_primary_key
     assert inserted is not None
@@ -62,48 +64,50 @@ def insert(connection: sa.Connection, table: sa.Table, **values: Any) -> int:
     return inserted[0]
 
 
-def update(connection: sa.Connection, table: sa.Table, key: int, **values: Any) -> None:
+def update_row(connection: sa.Connection, table: sa.Table, key: int, **values: Any) -> None:
     """Set columns of a row within a transaction. ``key``: primary key of the row."""
-    connection.execute(sa.update(table).where(primary_key(table) == key).values(values))
+    connection.execute(sa.update(table).where(find_primary_key_column(table) == key).values(values))
     _wrote(connection, table, key)
 
 
-def delete(connection: sa.Connection, table: sa.Table, *conditions: sa.ColumnElement[bool]) -> None:
+def delete_rows(connection: sa.Connection, table: sa.Table, *conditions: sa.ColumnElement[bool]) -> None:
     """Delete the rows that satisfy all conditions, within a transaction."""
-    for key in connection.execute(sa.select(primary_key(table)).where(*conditions)).scalars().all():
+    for key in (
+        connection.execute(sa.select(find_primary_key_column(table)).where(*conditions)).scalars().all()
+    ):
         _wrote(connection, table, key)
     connection.execute(sa.delete(table).where(*conditions))
 
 
-def begin_row_tracking(connection: sa.Connection) -> None:
+def start_collecting_written_rows(connection: sa.Connection) -> None:
     """Start to collect the keys of the rows that a transaction writes."""
     connection.info[_WRITTEN] = set()
 
 
-def written_rows(connection: sa.Connection) -> frozenset[tuple[str, int]]:
+def list_written_row_keys(connection: sa.Connection) -> frozenset[tuple[str, int]]:
     """Returns the table and primary key of each row that the transaction has written so far."""
     return frozenset(connection.info[_WRITTEN])
 
 
-def append_entries(connection: sa.Connection) -> ChainHead | None:
+def append_chain_entries(connection: sa.Connection) -> HashChainHead | None:
     """Append an entry for each row that a transaction wrote. Returns the new head; ``None`` if nothing was written."""
     rows = sorted(connection.info.pop(_WRITTEN))
     if not rows:
         return None
     entries: list[dict[str, Any]] = []
-    after = chain_head(connection)
+    after = read_chain_head(connection)
     for name, group in groupby(rows, key=lambda row: row[0]):
         keys = [key for _, key in group]
         contents = _contents(connection, CHAINED_TABLES[name], keys)
         for key in keys:
             content = contents.get(key)
-            after = after.next_head(name, key, content)
+            after = after.compute_next_head(name, key, content)
             entries.append({"table": name, "key": key, "content": content, **asdict(after)})
     connection.execute(sa.insert(LEDGER_TABLE), entries)
     return after
 
 
-def chain_head(connection: sa.Connection) -> ChainHead:
+def read_chain_head(connection: sa.Connection) -> HashChainHead:
     """Returns the number and digest of the last entry in the hash chain."""
     last = (
         sa.select(LEDGER_TABLE.c.number, LEDGER_TABLE.c.digest)
@@ -111,10 +115,12 @@ def chain_head(connection: sa.Connection) -> ChainHead:
         .limit(1)
     )
     row = connection.execute(last).first()
-    return ChainHead(*row) if row else ChainHead()
+    return HashChainHead(*row) if row else HashChainHead()
 
 
-def missing_chain_heads(connection: sa.Connection, known: Collection[ChainHead]) -> list[ChainHead]:
+def find_missing_chain_heads(
+    connection: sa.Connection, known: Collection[HashChainHead]
+) -> list[HashChainHead]:
     """Returns the heads in ``known`` that the hash chain does not contain."""
     first = min((each.number for each in known), default=0)
     later = sa.select(LEDGER_TABLE.c.number, LEDGER_TABLE.c.digest).where(LEDGER_TABLE.c.number >= first)
@@ -125,7 +131,7 @@ def missing_chain_heads(connection: sa.Connection, known: Collection[ChainHead])
 # Checking -----------------------------------------------------------------------------------------------------------
 
 
-def find_faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
+def find_hash_chain_errors(connection: sa.Connection) -> Iterator[tuple[str, str]]:
     """Yields the errors of the hash chain and of rows, as pairs: name of table and row, and message."""
     try:
         entries = _rows(connection, LEDGER_TABLE)
@@ -137,9 +143,14 @@ def find_faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
             LEDGER_TABLE.name,
             f"entry {broken} does not follow the previous entry: an entry was changed or is missing",
         )
-    for key, times in Counter(entry["key"] for entry in entries if entry["table"] == LOG_TABLE.name).items():
+    for key, times in Counter(
+        entry["key"] for entry in entries if entry["table"] == AUDIT_LOG_TABLE.name
+    ).items():
         if times > 1:
-            yield f"{LOG_TABLE.name} {key}", "was changed or deleted; entries of the log must not change"
+            yield (
+                f"{AUDIT_LOG_TABLE.name} {key}",
+                "was changed or deleted; entries of the log must not change",
+            )
     latest = {(entry["table"], entry["key"]): entry["content"] for entry in entries}
     for name, table in CHAINED_TABLES.items():
         expected = {
@@ -148,7 +159,7 @@ def find_faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
         yield from _faults_of(connection, table, expected)
 
 
-def unchanged_keys(connection: sa.Connection, table: sa.Table) -> set[int]:
+def find_unchanged_row_keys(connection: sa.Connection, table: sa.Table) -> set[int]:
     """Returns the primary keys of the rows that no other program changed; empty if the hash chain is unreadable."""
     try:
         entries = _rows(connection, LEDGER_TABLE)
@@ -161,9 +172,9 @@ def unchanged_keys(connection: sa.Connection, table: sa.Table) -> set[int]:
 
 def _first_break(entries: list[sa.RowMapping]) -> int | None:
     """Returns the number of the first entry that does not match the entries before it; ``None`` if all match."""
-    before = ChainHead()
+    before = HashChainHead()
     for entry in entries:
-        after = before.next_head(entry["table"], entry["key"], entry["content"])
+        after = before.compute_next_head(entry["table"], entry["key"], entry["content"])
         if (entry["number"], entry["digest"]) != (after.number, after.digest):
             return before.number + 1
         before = after
@@ -187,7 +198,7 @@ def _faults_of(
             yield f"{table.name} {key}", "was changed by another program"
 
 
-def primary_key(table: sa.Table) -> sa.Column[int]:
+def find_primary_key_column(table: sa.Table) -> sa.Column[int]:
     """Returns the single primary key column of a table (an integer)."""
     (key,) = table.primary_key.columns
     return key
@@ -198,9 +209,9 @@ def _contents(connection: sa.Connection, table: sa.Table, keys: list[int] | None
 
     Columns without a value are ignored, because later versions may add columns.
     """
-    name = primary_key(table).name
+    name = find_primary_key_column(table).name
     return {
-        row[name]: json_sha256(
+        row[name]: compute_json_sha256(
             [table.name, {column: value for column, value in row.items() if value is not None}]
         )
         for row in _rows(connection, table, keys)
@@ -209,9 +220,9 @@ def _contents(connection: sa.Connection, table: sa.Table, keys: list[int] | None
 
 def _rows(connection: sa.Connection, table: sa.Table, keys: list[int] | None = None) -> list[sa.RowMapping]:
     """Returns the rows of a table. An error does not end the transaction."""
-    query = sa.select(table).order_by(primary_key(table))
+    query = sa.select(table).order_by(find_primary_key_column(table))
     if keys is not None:
-        query = query.where(primary_key(table).in_(keys))
+        query = query.where(find_primary_key_column(table).in_(keys))
     with connection.begin_nested():
         return list(connection.execute(query).mappings())
 
@@ -220,7 +231,7 @@ def _wrote(connection: sa.Connection, table: sa.Table, key: int) -> None:
     connection.info[_WRITTEN].add((table.name, key))
 
 
-def json_sha256(value: Any) -> str:
+def compute_json_sha256(value: Any) -> str:
     """Returns the SHA-256 (hexadecimal) of a value as compact JSON with sorted keys."""
     text = json.dumps(value, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()

@@ -17,12 +17,12 @@ from avrgym.study.storage.identity_keys import (
     KEY_FILE_VARIABLE,
     KeySource,
     KeyUnavailableError,
+    find_key_file_path,
     find_passphrase,
-    key_file_path,
     load_key,
-    new_key_source,
+    make_key_source,
 )
-from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.state_transitions import StudyError
 from avrgym.system.files import PRIVATE_FILE_MODE, PRIVATE_FOLDER_MODE, make_private_folder, write_atomically
 
 IDENTITY_FORMAT = "avrgym identities 1"
@@ -90,7 +90,9 @@ def decrypt_identities(folder: Path, file: IdentityFile) -> dict[str, Identity]:
     return {pseudonym: _decrypt(key, pseudonym, data) for pseudonym, data in file.entries.items()}
 
 
-def with_entry(folder: Path, file: IdentityFile, pseudonym: str, identity: Identity) -> IdentityFile:
+def set_encrypted_identity(
+    folder: Path, file: IdentityFile, pseudonym: str, identity: Identity
+) -> IdentityFile:
     """Returns the file's contents with an added or replaced entry. Raises the errors of ``decrypt_identities``."""
     key = _checked(folder, file)
     return msgspec.structs.replace(
@@ -98,7 +100,7 @@ def with_entry(folder: Path, file: IdentityFile, pseudonym: str, identity: Ident
     )
 
 
-def without_entry(file: IdentityFile, pseudonym: str) -> IdentityFile:
+def remove_encrypted_identity(file: IdentityFile, pseudonym: str) -> IdentityFile:
     """Returns the file's contents without an entry. No key is needed."""
     entries = {name: data for name, data in file.entries.items() if name != pseudonym}
     return msgspec.structs.replace(file, entries=entries)
@@ -113,7 +115,7 @@ def _checked(folder: Path, file: IdentityFile) -> bytes:
         which = (
             "the passphrase of the identity file"
             if file.key_source.kind == "passphrase"
-            else f"the key file of the identity file, {key_file_path(file.key_source)},"
+            else f"the key file of the identity file, {find_key_file_path(file.key_source)},"
         )
         raise KeyUnavailableError(f"{which} is wrong. Nothing was changed") from None
     return key
@@ -144,35 +146,40 @@ def _decrypt_bytes(key: bytes, bound_to: str, data: str) -> bytes:
 
 
 IDENTITY_FOLDER = "private"
-UNENCRYPTED_FILE, ENCRYPTED_FILE = "key.json", "identities.json"
+UNENCRYPTED_IDENTITY_FILE, ENCRYPTED_IDENTITY_FILE = "key.json", "identities.json"
 """File names of the unencrypted and of the encrypted identity file."""
-_NEW = f"{ENCRYPTED_FILE}.new"
+_NEW = f"{ENCRYPTED_IDENTITY_FILE}.new"
 
 
-def identity_path(folder: Path) -> Path:
+def find_identity_file_path(folder: Path) -> Path:
     """Returns the path of the encrypted identity file, or of the unencrypted file if only this file exists."""
-    plain, path = folder / IDENTITY_FOLDER / UNENCRYPTED_FILE, folder / IDENTITY_FOLDER / ENCRYPTED_FILE
+    plain, path = (
+        folder / IDENTITY_FOLDER / UNENCRYPTED_IDENTITY_FILE,
+        folder / IDENTITY_FOLDER / ENCRYPTED_IDENTITY_FILE,
+    )
     return plain if plain.exists() and not path.exists() else path
 
 
-def unencrypted_path(folder: Path) -> Path | None:
+def find_unencrypted_identity_file(folder: Path) -> Path | None:
     """Returns the path of the unencrypted identity file; ``None`` if it does not exist."""
-    path = folder / IDENTITY_FOLDER / UNENCRYPTED_FILE
+    path = folder / IDENTITY_FOLDER / UNENCRYPTED_IDENTITY_FILE
     return path if path.exists() else None
 
 
-def key_source(folder: Path) -> KeySource | None:
+def read_key_source(folder: Path) -> KeySource | None:
     """Returns the key source of the encrypted identity file; ``None`` if the file does not exist."""
-    path = folder / IDENTITY_FOLDER / ENCRYPTED_FILE
+    path = folder / IDENTITY_FOLDER / ENCRYPTED_IDENTITY_FILE
     return read_identity_file(path).key_source if path.exists() else None
 
 
-def pseudonyms_with_identity(folder: Path) -> set[str]:
+def read_pseudonyms_with_identity(folder: Path) -> set[str]:
     """Returns the pseudonyms in the identity file. No key is needed. Raises ``StudyError`` if the file is damaged."""
-    path = identity_path(folder)
+    path = find_identity_file_path(folder)
     if not path.exists():
         return set()
-    return set(_read_plain(path) if path.name == UNENCRYPTED_FILE else read_identity_file(path).entries)
+    return set(
+        _read_plain(path) if path.name == UNENCRYPTED_IDENTITY_FILE else read_identity_file(path).entries
+    )
 
 
 def read_identities(folder: Path) -> dict[str, Identity]:
@@ -182,30 +189,32 @@ def read_identities(folder: Path) -> dict[str, Identity]:
         KeyUnavailableError: if the key is missing or wrong.
         StudyError: if the file is damaged.
     """
-    path = identity_path(folder)
+    path = find_identity_file_path(folder)
     if not path.exists():
         return {}
     return (
         _read_plain(path)
-        if path.name == UNENCRYPTED_FILE
+        if path.name == UNENCRYPTED_IDENTITY_FILE
         else decrypt_identities(folder, read_identity_file(path))
     )
 
 
-def write_identity(folder: Path, pseudonym: str, identity: Identity) -> None:
+def store_identity(folder: Path, pseudonym: str, identity: Identity) -> None:
     """Add or replace a participant's entry. An unencrypted file stays unencrypted.
 
     Raises the errors of ``read_identities``.
     """
     create_identity_file(folder)
-    path = identity_path(folder)
-    if path.name == UNENCRYPTED_FILE:
-        _write(folder, UNENCRYPTED_FILE, _encoded_plain(_read_plain(path) | {pseudonym: identity}))
+    path = find_identity_file_path(folder)
+    if path.name == UNENCRYPTED_IDENTITY_FILE:
+        _write(folder, UNENCRYPTED_IDENTITY_FILE, _encoded_plain(_read_plain(path) | {pseudonym: identity}))
     else:
         _write(
             folder,
-            ENCRYPTED_FILE,
-            encode_identity_file(with_entry(folder, read_identity_file(path), pseudonym, identity)),
+            ENCRYPTED_IDENTITY_FILE,
+            encode_identity_file(
+                set_encrypted_identity(folder, read_identity_file(path), pseudonym, identity)
+            ),
         )
 
 
@@ -215,22 +224,29 @@ def create_identity_file(folder: Path) -> None:
     Raises:
         StudyError: if the key cannot be created.
     """
-    if not identity_path(folder).exists():
-        key_source = new_key_source(
+    if not find_identity_file_path(folder).exists():
+        key_source = make_key_source(
             passphrase=find_passphrase(folder) is not None and KEY_FILE_VARIABLE not in os.environ
         )
-        _write(folder, ENCRYPTED_FILE, encode_identity_file(encrypt_identities(folder, key_source, {})))
+        _write(
+            folder, ENCRYPTED_IDENTITY_FILE, encode_identity_file(encrypt_identities(folder, key_source, {}))
+        )
 
 
 def remove_identity(folder: Path, pseudonym: str) -> None:
     """Remove a participant's entry, and all temporary files that may contain it. No key is needed."""
-    remove_leftover_files(folder)
-    plain, path = folder / IDENTITY_FOLDER / UNENCRYPTED_FILE, folder / IDENTITY_FOLDER / ENCRYPTED_FILE
+    remove_leftover_identity_files(folder)
+    plain, path = (
+        folder / IDENTITY_FOLDER / UNENCRYPTED_IDENTITY_FILE,
+        folder / IDENTITY_FOLDER / ENCRYPTED_IDENTITY_FILE,
+    )
     if plain.exists() and pseudonym in (entries := _read_plain(plain)):
         del entries[pseudonym]
-        _write(folder, UNENCRYPTED_FILE, _encoded_plain(entries))
+        _write(folder, UNENCRYPTED_IDENTITY_FILE, _encoded_plain(entries))
     if path.exists() and pseudonym in (file := read_identity_file(path)).entries:
-        _write(folder, ENCRYPTED_FILE, encode_identity_file(without_entry(file, pseudonym)))
+        _write(
+            folder, ENCRYPTED_IDENTITY_FILE, encode_identity_file(remove_encrypted_identity(file, pseudonym))
+        )
 
 
 def encrypt_identity_file(folder: Path, key_source: KeySource, present: Mapping[str, Identity]) -> None:
@@ -244,20 +260,21 @@ def encrypt_identity_file(folder: Path, key_source: KeySource, present: Mapping[
     Raises:
         StudyError: if only the unencrypted file contains an entry, or if verification fails.
     """
-    plain = unencrypted_path(folder)
+    plain = find_unencrypted_identity_file(folder)
     lacking = sorted(set(_read_plain(plain)) - set(present)) if plain else []
     if lacking:
         raise StudyError(
-            f"{plain} contains {', '.join(lacking)}, but {ENCRYPTED_FILE} does not; restore a backup of both files. "
+            f"{plain} contains {', '.join(lacking)}, but {ENCRYPTED_IDENTITY_FILE} does not; restore a backup of "
+            f"both files. "
             "Nothing was changed"
         )
     _write(folder, _NEW, encode_identity_file(encrypt_identities(folder, key_source, present)))
     new = folder / IDENTITY_FOLDER / _NEW
     if decrypt_identities(folder, read_identity_file(new)) != present:
         raise StudyError(f"{new} could not be verified. Nothing was changed; run the command again")
-    os.replace(new, folder / IDENTITY_FOLDER / ENCRYPTED_FILE)
+    os.replace(new, folder / IDENTITY_FOLDER / ENCRYPTED_IDENTITY_FILE)
     if plain:
-        remove_leftover_files(folder)
+        remove_leftover_identity_files(folder)
         plain.unlink()
 
 
@@ -276,18 +293,18 @@ def _write(folder: Path, name: str, data: bytes) -> None:
     private = folder / IDENTITY_FOLDER
     make_private_folder(private)
     private.chmod(PRIVATE_FOLDER_MODE)
-    remove_leftover_files(folder)
+    remove_leftover_identity_files(folder)
     write_atomically(private / name, data, mode=PRIVATE_FILE_MODE)
 
 
-def leftover_identity_files(folder: Path) -> list[Path]:
+def find_leftover_identity_files(folder: Path) -> list[Path]:
     """Returns the temporary identity files of killed processes. The caller must hold the database lock."""
-    names = (UNENCRYPTED_FILE, ENCRYPTED_FILE, _NEW)
+    names = (UNENCRYPTED_IDENTITY_FILE, ENCRYPTED_IDENTITY_FILE, _NEW)
     parts = (path for name in names for path in (folder / IDENTITY_FOLDER).glob(f".{name}.*.part"))
     return sorted([*parts, *(folder / IDENTITY_FOLDER).glob(_NEW)])
 
 
-def remove_leftover_files(folder: Path) -> None:
+def remove_leftover_identity_files(folder: Path) -> None:
     """Remove temporary identity files of killed processes."""
-    for path in leftover_identity_files(folder):
+    for path in find_leftover_identity_files(folder):
         path.unlink(missing_ok=True)

@@ -13,8 +13,8 @@ from unicodedata import normalize
 import msgspec
 from cryptography.hazmat.primitives.kdf.scrypt import Scrypt
 
-from avrgym.study.storage.states import StudyError
-from avrgym.system.files import make_private_folder, user_data_folder, write_private_file
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.system.files import get_user_data_folder, make_private_folder, write_private_file
 
 PASSPHRASE_VARIABLE, KEY_FILE_VARIABLE = "AVRGYM_STUDY_PASSPHRASE", "AVRGYM_STUDY_KEY_FILE"
 """Environment variables with the passphrase, and with the path of the key file."""
@@ -42,7 +42,7 @@ class KeySource(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     cost: int = 0
 
 
-def new_key_source(*, passphrase: bool) -> KeySource:
+def make_key_source(*, passphrase: bool) -> KeySource:
     """Returns a new key source with a random salt."""
     return KeySource(
         "passphrase" if passphrase else "file", os.urandom(16).hex(), SCRYPT_COST if passphrase else 0
@@ -72,7 +72,7 @@ def load_key(folder: Path, source: KeySource, *, create: bool = False) -> bytes:
         KeyUnavailableError: if the passphrase or the key file is missing.
     """
     if source.kind == "file":
-        return _from_file(folder, key_file_path(source), create=create)
+        return _from_file(folder, find_key_file_path(source), create=create)
     passphrase = find_passphrase(folder)
     if passphrase is None:
         raise KeyUnavailableError(
@@ -94,10 +94,10 @@ def load_key(folder: Path, source: KeySource, *, create: bool = False) -> bytes:
         ) from None
 
 
-def key_file_path(source: KeySource) -> Path:
+def find_key_file_path(source: KeySource) -> Path:
     """Returns the path of the key file: the environment variable, or a file in the user's data folder."""
     named = os.environ.get(KEY_FILE_VARIABLE)
-    return Path(named) if named else user_data_folder() / "keys" / f"{source.salt}.key"
+    return Path(named) if named else get_user_data_folder() / "keys" / f"{source.salt}.key"
 
 
 def _from_file(folder: Path, path: Path, *, create: bool) -> bytes:

@@ -15,10 +15,10 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from avrgym.study.storage.hash_chain import ChainHead
-from avrgym.system.files import PRIVATE_FILE_MODE, private_opener, write_atomically
+from avrgym.study.storage.hash_chain import HashChainHead
+from avrgym.system.files import PRIVATE_FILE_MODE, open_privately, write_atomically
 
-CHAIN_HEAD_FILE = "study.head"
+HASH_CHAIN_HEAD_FILE = "study.head"
 CHECKSUM_FILE = "study.db.sha256"
 CHECKSUM_MISMATCH_FILE = f"{CHECKSUM_FILE}.mismatch"
 """File names of the heads, of the checksum, and of a checksum that differed from the database."""
@@ -32,7 +32,7 @@ class IntegrityFileError(ValueError):
 class IntegrityFiles:
     """Reads and writes the integrity files of a database.
 
-    Callers must hold the database's write lock, except for reading and ``append_head``.
+    Callers must hold the database's write lock, except for reading and ``append_chain_head``.
     """
 
     def __init__(self, folder: Path, database: str) -> None:
@@ -40,7 +40,7 @@ class IntegrityFiles:
         self._noted = False
 
     @property
-    def stored_checksum(self) -> str | None:
+    def stored_database_checksum(self) -> str | None:
         """The stored checksum of the database; ``None`` if the file is missing.
 
         Raises ``IntegrityFileError`` if the file is damaged.
@@ -74,7 +74,7 @@ class IntegrityFiles:
 
     def _fits(self, actual: str) -> bool:
         try:
-            return self.stored_checksum == actual
+            return self.stored_database_checksum == actual
         except IntegrityFileError:
             return False
 
@@ -83,7 +83,7 @@ class IntegrityFiles:
         """Whether a writer found a database that another program had changed."""
         return (self._folder / CHECKSUM_MISMATCH_FILE).exists()
 
-    def append_head(self, head: ChainHead) -> None:
+    def append_chain_head(self, head: HashChainHead) -> None:
         """Append a chain head after a transaction. Errors are ignored, because the transaction is complete."""
         with suppress(OSError, IntegrityFileError):
             if not self._noted:
@@ -91,42 +91,42 @@ class IntegrityFiles:
             self._noted = True
         with (
             suppress(OSError),
-            open(self._folder / CHAIN_HEAD_FILE, "ab", buffering=0, opener=private_opener) as file,
+            open(self._folder / HASH_CHAIN_HEAD_FILE, "ab", buffering=0, opener=open_privately) as file,
         ):
             file.write(_line(head))
 
     def _cut_unfinished_line(self) -> None:
         """Remove an unfinished last line after a crash."""
-        path = self._folder / CHAIN_HEAD_FILE
+        path = self._folder / HASH_CHAIN_HEAD_FILE
         if path.exists() and not path.read_bytes().endswith(b"\n"):
-            self.set_heads(self.read_heads() or ())
+            self.replace_chain_heads(self.read_chain_heads() or ())
 
-    def read_heads(self) -> list[ChainHead] | None:
+    def read_chain_heads(self) -> list[HashChainHead] | None:
         """Returns the stored heads of the hash chain; ``None`` without a file. A truncated last line is ignored.
 
         Raises ``IntegrityFileError`` if the file is damaged.
         """
-        path = self._folder / CHAIN_HEAD_FILE
+        path = self._folder / HASH_CHAIN_HEAD_FILE
         if not path.exists():
             return None
         *lines, last = _text(path).split("\n")
         found = [_HEAD_LINE.fullmatch(line) for line in lines]
-        if not all(found) or len(last) > len(_line(ChainHead(10**18))):
-            raise IntegrityFileError(f"{CHAIN_HEAD_FILE} is damaged; restore a backup of the study")
-        return [ChainHead(int(match[1]), match[2]) for match in found if match]
+        if not all(found) or len(last) > len(_line(HashChainHead(10**18))):
+            raise IntegrityFileError(f"{HASH_CHAIN_HEAD_FILE} is damaged; restore a backup of the study")
+        return [HashChainHead(int(match[1]), match[2]) for match in found if match]
 
-    def set_heads(self, heads: Iterable[ChainHead]) -> None:
+    def replace_chain_heads(self, heads: Iterable[HashChainHead]) -> None:
         """Replace all heads in ``study.head``."""
         data = b"".join(map(_line, heads))
-        write_atomically(self._folder / CHAIN_HEAD_FILE, data, mode=PRIVATE_FILE_MODE)
+        write_atomically(self._folder / HASH_CHAIN_HEAD_FILE, data, mode=PRIVATE_FILE_MODE)
 
     def remove_all(self) -> None:
         """Delete all integrity files, for the rebuild of a lost database."""
-        for name in (CHAIN_HEAD_FILE, CHECKSUM_FILE, CHECKSUM_MISMATCH_FILE):
+        for name in (HASH_CHAIN_HEAD_FILE, CHECKSUM_FILE, CHECKSUM_MISMATCH_FILE):
             (self._folder / name).unlink(missing_ok=True)
 
 
-def _line(head: ChainHead) -> bytes:
+def _line(head: HashChainHead) -> bytes:
     return f"{head.number} {head.digest}\n".encode()
 
 

@@ -13,20 +13,20 @@ from typing import Any
 
 import msgspec
 
-from avrgym.commands.respondents import CAREGIVER
-from avrgym.questionnaires.questionnaire import MAX_SCALE_POINTS, QUESTION_MOMENTS, Item, Questionnaire
+from avrgym.commands.respondents import CAREGIVER_RESPONDENT
+from avrgym.questionnaires.questionnaire import MAX_OPTION_COUNT, QUESTION_MOMENTS, Item, Questionnaire
 from avrgym.recording.reader import RecordingError, read_header
-from avrgym.study.design.comparison import DesignTexts
 from avrgym.study.design.design import Design
-from avrgym.study.storage.rows import Participant, StoredDesign, StudyAnswer, Trial, TrialAttempt
+from avrgym.study.design.design_comparison import DesignTexts
+from avrgym.study.storage.database_rows import Participant, StoredDesign, StudyAnswer, Trial, TrialAttempt
 from avrgym.study.storage.session_designs import (
     design_from_recording,
     design_from_row,
-    sentence_translator,
+    make_sentence_translator,
     translate_item,
 )
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 
 Items = tuple[Item, ...]
 
@@ -35,24 +35,25 @@ Items = tuple[Item, ...]
 class ItemVersion:
     """A version of an item.
 
-    ``item``: the item with the name of this version. ``base_name``: the item's name in the design. ``version_number``:
-    number of the version, from 1. ``questionnaire_name``: name of the questionnaire. ``items_by_language``: the
-    translated item, by language. ``answer_counts``: number of answers, by pseudonym.
+    ``item``: the item with the name of this version. ``design_item_name``: the item's name in the design.
+    ``version_number``: number of the version, from 1. ``questionnaire_name``: name of the questionnaire.
+    ``items_by_language``: the translated item, by language. ``answer_count_by_participant``: number of answers, by
+    pseudonym.
     """
 
     item: Item
-    base_name: str
+    design_item_name: str
     version_number: int
     questionnaire_name: str
     items_by_language: dict[str, Item] = field(default_factory=dict[str, Item])
-    answer_counts: dict[str, int] = field(default_factory=dict[str, int])
+    answer_count_by_participant: dict[str, int] = field(default_factory=dict[str, int])
 
 
 @dataclass(frozen=True)
-class ParticipantItems:
-    """The item versions that a participant read. ``versions``: by the item's name in the design."""
+class ParticipantItemVersions:
+    """The item versions that a participant read. ``version_by_item_id``: by the item's name in the design."""
 
-    versions: Mapping[str, ItemVersion]
+    version_by_item_id: Mapping[str, ItemVersion]
 
 
 @dataclass(frozen=True)
@@ -67,30 +68,30 @@ class ItemCatalogue:
     """All versions of items and questionnaires that participants read."""
 
     def __init__(self) -> None:
-        self.questionnaires: dict[str, Questionnaire] = {}
+        self.questionnaire_by_name: dict[str, Questionnaire] = {}
         self._versions: dict[str, list[tuple[Item, int, ItemVersion]]] = {}
         self._questionnaire_versions: dict[str, list[_QuestionnaireVersion]] = {}
 
     @property
-    def versions(self) -> list[ItemVersion]:
+    def item_versions(self) -> list[ItemVersion]:
         """All versions of all items, ordered by item, then by version number."""
         return [version for versions in self._versions.values() for _, _, version in versions]
 
     def add_design_items(
         self, design: Design, language: str, translate: Callable[[str], str]
-    ) -> ParticipantItems:
+    ) -> ParticipantItemVersions:
         """Add the items of a design in a language. Returns the version of each item."""
         found: dict[str, ItemVersion] = {}
         for questionnaire in design.questionnaires:
             words = tuple(translate_item(item, translate) for item in questionnaire.items)
             number = self._questionnaire_number(questionnaire, language, words)
-            name = version_name(questionnaire.name, number)
+            name = format_version_name(questionnaire.name, number)
             own = number if questionnaire.use else 0
             for item, read in zip(questionnaire.items, words, strict=True):
                 found[item.id] = self.find_or_add_version(item, read, language, name, own)
             items = tuple(found[item.id].item for item in questionnaire.items)
             self.add_questionnaire(msgspec.structs.replace(questionnaire, name=name, items=items))
-        return ParticipantItems(found)
+        return ParticipantItemVersions(found)
 
     def find_or_add_version(
         self, item: Item, words: Item, language: str, questionnaire: str, questionnaire_number: int = 0
@@ -107,19 +108,19 @@ class ItemCatalogue:
             ) == words:
                 return version
         number = len(versions) + 1
-        named = msgspec.structs.replace(item, id=version_name(item.id, number))
+        named = msgspec.structs.replace(item, id=format_version_name(item.id, number))
         version = ItemVersion(named, item.id, number, questionnaire, {language: words})
         versions.append((item, questionnaire_number, version))
         return version
 
     def add_questionnaire(self, questionnaire: Questionnaire) -> None:
         """Add a questionnaire. If the catalogue contains its name, add only its new items and moments."""
-        known = self.questionnaires.get(questionnaire.name, questionnaire)
+        known = self.questionnaire_by_name.get(questionnaire.name, questionnaire)
         ids = {item.id for item in known.items}
         items = (*known.items, *(item for item in questionnaire.items if item.id not in ids))
         moments = tuple(each for each in QUESTION_MOMENTS if each in {*known.moments, *questionnaire.moments})
         when = known.when if set(moments) == set(known.moments) else moments
-        self.questionnaires[known.name] = msgspec.structs.replace(known, items=items, when=when)
+        self.questionnaire_by_name[known.name] = msgspec.structs.replace(known, items=items, when=when)
 
     def _questionnaire_number(self, questionnaire: Questionnaire, language: str, words: Items) -> int:
         """Returns the version number of a questionnaire, from 1."""
@@ -136,22 +137,22 @@ class ItemCatalogue:
         return len(versions_of_name)
 
 
-def version_name(name: str, version: int) -> str:
+def format_version_name(name: str, version: int) -> str:
     """Returns the name of a version of an item or questionnaire. The first version has the name in the design."""
     return name if version == 1 else f"{name} (version {version})"
 
 
-def base_name(name: str) -> str:
+def parse_design_name(name: str) -> str:
     """Returns the name that an item version or questionnaire version has in the design."""
     return name.partition(" (version ")[0]
 
 
-def design_with_item_versions(design: Design, catalogue: ItemCatalogue) -> Design:
+def add_item_versions_to_design(design: Design, catalogue: ItemCatalogue) -> Design:
     """Returns the design with all item versions of a catalogue, in the design's order."""
-    versions = {version.item.id: version for version in catalogue.versions}
-    answered = {version.base_name for version in versions.values()}
+    versions = {version.item.id: version for version in catalogue.item_versions}
+    answered = {version.design_item_name for version in versions.values()}
     combined = ItemCatalogue()
-    for questionnaire in catalogue.questionnaires.values():
+    for questionnaire in catalogue.questionnaire_by_name.values():
         combined.add_questionnaire(questionnaire)
     for questionnaire in design.questionnaires:
         new = tuple(item for item in questionnaire.items if item.id not in answered)
@@ -162,12 +163,12 @@ def design_with_item_versions(design: Design, catalogue: ItemCatalogue) -> Desig
     def rank(item: Item) -> tuple[int, int]:
         version = versions.get(item.id)
         return places.get(
-            version.base_name if version else item.id, len(places)
+            version.design_item_name if version else item.id, len(places)
         ), version.version_number if version else 0
 
     names = [each.name for each in design.questionnaires]
     ordered = sorted(
-        combined.questionnaires.values(),
+        combined.questionnaire_by_name.values(),
         key=lambda each: names.index(each.name) if each.name in names else len(names),
     )
     return msgspec.structs.replace(
@@ -192,73 +193,79 @@ UNKNOWN_ITEM_TEXT = "(neither the database nor a recording contains its text)"
 class AnsweredItems:
     """The item version of each answer. ``participants``: only answers of these participants; default: all."""
 
-    def __init__(self, store: Store, participants: Sequence[Participant] | None = None) -> None:
+    def __init__(self, store: StudyStore, participants: Sequence[Participant] | None = None) -> None:
         self._store = store
         self._catalogue = ItemCatalogue()
-        self._forms: dict[bytes, ParticipantItems] = {}
+        self._forms: dict[bytes, ParticipantItemVersions] = {}
         self._of_answers: dict[int, ItemVersion] = {}
         stored: dict[int, list[StoredDesign]] = {}
-        for row in store.stored_designs():
+        for row in store.read_stored_designs():
             if row.session is not None:
                 stored.setdefault(row.participant, []).append(row)
-        everyone = store.participants() if participants is None else participants
+        everyone = store.read_participants() if participants is None else participants
         for participant in sorted(everyone, key=lambda each: (each.simulated, each.number)):
             own_items = _ParticipantItems(self, store, participant, stored.get(participant.number, []))
-            for answer in store.answers(participant.pseudonym):
+            for answer in store.read_answers(participant.pseudonym):
                 self._take(participant, answer, own_items.form(answer))
 
     @property
     def design(self) -> Design:
         """The study's current design with all answered item versions."""
-        return design_with_item_versions(self._store.design, self._catalogue)
+        return add_item_versions_to_design(self._store.design, self._catalogue)
 
     @property
-    def versions(self) -> list[ItemVersion]:
+    def item_versions(self) -> list[ItemVersion]:
         """All answered item versions, ordered by item."""
-        return self._catalogue.versions
+        return self._catalogue.item_versions
 
     def contains(self, answer: StudyAnswer) -> bool:
         """Returns whether the answer existed when this object was created."""
         return answer.id in self._of_answers
 
-    def item_of(self, answer: StudyAnswer) -> Item:
+    def find_item(self, answer: StudyAnswer) -> Item:
         """Returns the item of an answer, with the name of its version."""
         return self._of_answers[answer.id].item
 
-    def questionnaire_of(self, answer: StudyAnswer) -> Questionnaire:
+    def find_questionnaire(self, answer: StudyAnswer) -> Questionnaire:
         """Returns the questionnaire that contains the answer's item."""
-        return self._catalogue.questionnaires[self._of_answers[answer.id].questionnaire_name]
+        return self._catalogue.questionnaire_by_name[self._of_answers[answer.id].questionnaire_name]
 
-    def scale_value_of(self, answer: StudyAnswer) -> int:
+    def compute_answer_value(self, answer: StudyAnswer) -> int:
         """Returns the value of an answer on its item's response scale."""
-        return self.questionnaire_of(answer).scale_of(self.item_of(answer)).scale_value(answer.value)
+        return (
+            self.find_questionnaire(answer)
+            .find_response_scale(self.find_item(answer))
+            .compute_option_value(answer.value)
+        )
 
-    def versions_of_design(
+    def find_design_item_versions(
         self, participant: Participant, design: Design, wordings: DesignTexts | None
-    ) -> ParticipantItems:
+    ) -> ParticipantItemVersions:
         """Returns the item versions of a design in the participant's language."""
         language = participant.language or design.languages[0]
         content: Any = [design.questionnaires, language, wordings]
         key = msgspec.json.encode(content, order="deterministic")
         if key not in self._forms:
-            translate = sentence_translator(self._store, language, wordings)
+            translate = make_sentence_translator(self._store, language, wordings)
             self._forms[key] = self._catalogue.add_design_items(design, language, translate)
         return self._forms[key]
 
-    def _take(self, participant: Participant, answer: StudyAnswer, form: ParticipantItems) -> None:
-        version = form.versions.get(answer.item)
+    def _take(self, participant: Participant, answer: StudyAnswer, form: ParticipantItemVersions) -> None:
+        version = form.version_by_item_id.get(answer.item)
         if version is None or answer.value > version.item.points:
             version = self._unknown(participant, answer)
-        version.answer_counts[participant.pseudonym] = version.answer_counts.get(participant.pseudonym, 0) + 1
+        version.answer_count_by_participant[participant.pseudonym] = (
+            version.answer_count_by_participant.get(participant.pseudonym, 0) + 1
+        )
         self._of_answers[answer.id] = version
 
     def _unknown(self, participant: Participant, answer: StudyAnswer) -> ItemVersion:
         """Returns an item version for an answer without a stored text."""
-        item = Item(answer.item, UNKNOWN_ITEM_TEXT, MAX_SCALE_POINTS, "?", "?")
+        item = Item(answer.item, UNKNOWN_ITEM_TEXT, MAX_OPTION_COUNT, "?", "?")
         version = self._catalogue.find_or_add_version(
             item, item, participant.language or "", UNKNOWN_QUESTIONNAIRE
         )
-        about = CAREGIVER if answer.respondent == CAREGIVER else "after_session"
+        about = CAREGIVER_RESPONDENT if answer.respondent == CAREGIVER_RESPONDENT else "after_session"
         when = "after_trial" if answer.attempt is not None else about
         self._catalogue.add_questionnaire(Questionnaire(UNKNOWN_QUESTIONNAIRE, when, (version.item,)))
         return version
@@ -270,7 +277,7 @@ class _ParticipantItems:
     def __init__(
         self,
         answered_items: AnsweredItems,
-        store: Store,
+        store: StudyStore,
         participant: Participant,
         stored: list[StoredDesign],
     ) -> None:
@@ -280,29 +287,29 @@ class _ParticipantItems:
             participant,
             stored,
         )
-        self._by_row: dict[int, ParticipantItems] = {}
-        self._by_attempt: dict[int | None, ParticipantItems] = {}
+        self._by_row: dict[int, ParticipantItemVersions] = {}
+        self._by_attempt: dict[int | None, ParticipantItemVersions] = {}
 
-    def form(self, answer: StudyAnswer) -> ParticipantItems:
+    def form(self, answer: StudyAnswer) -> ParticipantItemVersions:
         """Returns the item versions that the participant read at the time of an answer."""
         own = [row for row in self._stored if row.stored_at <= answer.answered_at]
         own = own or [row for row in self._stored if row.session == answer.session]
         return self._of_row(own[-1]) if own else self._of_attempt(answer.attempt)
 
-    def _of_row(self, row: StoredDesign) -> ParticipantItems:
+    def _of_row(self, row: StoredDesign) -> ParticipantItemVersions:
         if row.id not in self._by_row:
             design = design_from_row(row)
-            self._by_row[row.id] = self._answered_items.versions_of_design(
+            self._by_row[row.id] = self._answered_items.find_design_item_versions(
                 self._participant, design, row.wordings
             )
         return self._by_row[row.id]
 
-    def _of_attempt(self, attempt: int | None) -> ParticipantItems:
+    def _of_attempt(self, attempt: int | None) -> ParticipantItemVersions:
         if attempt not in self._by_attempt:
             design = self._store.design
             with suppress(OSError, RecordingError, StudyError, KeyError):  # another check reports it
                 design = self._recorded(self._attempts[attempt or 0])
-            self._by_attempt[attempt] = self._answered_items.versions_of_design(
+            self._by_attempt[attempt] = self._answered_items.find_design_item_versions(
                 self._participant, design, None
             )
         return self._by_attempt[attempt]
@@ -310,14 +317,16 @@ class _ParticipantItems:
     def _recorded(self, attempt: TrialAttempt) -> Design:
         """Returns the current design, with the values that the attempt's recording contains."""
         design = self._store.design
-        translate = sentence_translator(self._store, self._participant.language or design.languages[0], None)
-        configuration = read_header(self._store.absolute_path(attempt.recording)).configuration
+        translate = make_sentence_translator(
+            self._store, self._participant.language or design.languages[0], None
+        )
+        configuration = read_header(self._store.resolve_path(attempt.recording)).configuration
         return design_from_recording(design, self._trials[attempt.trial], configuration, translate)
 
     @cached_property
     def _attempts(self) -> dict[int, TrialAttempt]:
-        return {each.id: each for each in self._store.attempts(self._participant.pseudonym)}
+        return {each.id: each for each in self._store.read_attempts(self._participant.pseudonym)}
 
     @cached_property
     def _trials(self) -> dict[int, Trial]:
-        return {each.id: each for each in self._store.trials(self._participant.pseudonym)}
+        return {each.id: each for each in self._store.read_trials(self._participant.pseudonym)}

@@ -12,28 +12,28 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from avrgym.study.design.design import OBJECT_STORE_URL
-from avrgym.study.storage.states import StudyError
+from avrgym.study.design.design import OBJECT_STORE_URL_PATTERN
+from avrgym.study.storage.state_transitions import StudyError
 from avrgym.system.files import PRIVATE_FILE_MODE, make_private_folder, write_atomically
 
 OBJECT_STORE_VARIABLE = "AVRGYM_STUDY_RECORDINGS"
 """Environment variable with the object store's address. It replaces the address in ``study.toml``."""
 CONNECT_TIMEOUT_S, READ_TIMEOUT_S = 5.0, 30.0
-MAX_ATTEMPTS = 2
+MAX_REQUEST_ATTEMPTS = 2
 
 
 class ObjectStore:
     """The files of one study in an object store. Names are paths relative to the study's folder. Thread-safe.
 
-    ``url``: the address. ``problem``: the error of the latest request; empty after a successful request.
+    ``url``: the address. ``latest_error_message``: the error of the latest request; empty after a successful request.
     """
 
     def __init__(self, url: str) -> None:
-        self.url, self.problem = url, ""
+        self.url, self.latest_error_message = url, ""
         self._bucket, _, folder = url.removeprefix("s3://").partition("/")
         self._prefix = f"{folder.strip('/')}/" if folder.strip("/") else ""
 
-    def sizes(self, prefix: str = "") -> dict[str, int]:
+    def list_file_sizes(self, prefix: str = "") -> dict[str, int]:
         """Returns the size in bytes of each stored file with a name that begins with ``prefix``, by name.
 
         All methods raise ``StudyError`` if the object store cannot be used.
@@ -47,7 +47,7 @@ class ObjectStore:
                 }
         return found
 
-    def upload(self, name: str, path: Path) -> int:
+    def upload_file(self, name: str, path: Path) -> int:
         """Store the file at ``path``. Returns its size in bytes. A missing bucket is created."""
         content, client = path.read_bytes(), self._client
         put = {"Bucket": self._bucket, "Key": self._prefix + name, "Body": content}
@@ -59,7 +59,7 @@ class ObjectStore:
                 client.put_object(**put)
         return len(content)
 
-    def download(self, name: str, path: Path) -> None:
+    def download_file(self, name: str, path: Path) -> None:
         """Write a stored file to ``path`` atomically. Only its owner can read it."""
         client = self._client
         with self._errors():
@@ -68,9 +68,9 @@ class ObjectStore:
         make_private_folder(path.parent)
         write_atomically(path, content, PRIVATE_FILE_MODE)
 
-    def delete(self, prefix: str) -> None:
+    def delete_files(self, prefix: str) -> None:
         """Delete all stored files with names that begin with ``prefix``."""
-        for name in self.sizes(prefix):
+        for name in self.list_file_sizes(prefix):
             with self._errors():
                 self._client.delete_object(Bucket=self._bucket, Key=self._prefix + name)
 
@@ -84,7 +84,7 @@ class ObjectStore:
         limits = Config(
             connect_timeout=CONNECT_TIMEOUT_S,
             read_timeout=READ_TIMEOUT_S,
-            retries={"total_max_attempts": MAX_ATTEMPTS},
+            retries={"total_max_attempts": MAX_REQUEST_ATTEMPTS},
         )
         return boto3.client("s3", config=limits)
 
@@ -95,9 +95,9 @@ class ObjectStore:
         try:
             yield
         except (BotoCoreError, ClientError, OSError) as error:
-            self.problem = f"the object store {self.url} cannot be used: {error}"
-            raise StudyError(self.problem) from error
-        self.problem = ""
+            self.latest_error_message = f"the object store {self.url} cannot be used: {error}"
+            raise StudyError(self.latest_error_message) from error
+        self.latest_error_message = ""
 
 
 def open_object_store(configured: str) -> ObjectStore | None:
@@ -107,7 +107,7 @@ def open_object_store(configured: str) -> ObjectStore | None:
     invalid address.
     """
     url = os.environ.get(OBJECT_STORE_VARIABLE, configured)
-    if url and not OBJECT_STORE_URL.fullmatch(url):
+    if url and not OBJECT_STORE_URL_PATTERN.fullmatch(url):
         raise StudyError(
             f"{OBJECT_STORE_VARIABLE} is not an address of an object store; allowed: s3://bucket/folder"
         )

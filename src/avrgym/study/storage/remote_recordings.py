@@ -14,35 +14,35 @@ from typing import Self
 
 import sqlalchemy as sa
 
-from avrgym.recording.answers_file import answers_path
+from avrgym.recording.answers_file import get_answers_path
+from avrgym.study.storage.database_rows import RECORDINGS_FOLDER
 from avrgym.study.storage.object_store import ObjectStore
-from avrgym.study.storage.rows import RECORDINGS
 from avrgym.study.storage.schema import ATTEMPT_TABLE
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from avrgym.system.files import remove_folder
 
 UPLOAD_INTERVAL_S = 3.0
-RETRY_DELAY_S = 2.0
-_NAME = re.compile(rf"{RECORDINGS}/sub-[0-9]{{3,9}}/ses-[0-9]+/[\w-]+\.(mcap|answers\.jsonl)")
+UPLOAD_RETRY_DELAY_S = 2.0
+_NAME = re.compile(rf"{RECORDINGS_FOLDER}/sub-[0-9]{{3,9}}/ses-[0-9]+/[\w-]+\.(mcap|answers\.jsonl)")
 """Files that are downloaded. Other names in the object store are ignored."""
 
 
-def fetch_recordings(store: Store, pseudonym: str = "") -> None:
+def fetch_recordings(store: StudyStore, pseudonym: str = "") -> None:
     """Download recordings that the study's folder lacks, and answers that another computer added.
 
     ``pseudonym``: download only recordings of this participant. Raises ``StudyError`` if the object store cannot be
     used.
     """
     remote = store.object_store
-    if remote is None or store.database.read_only:
+    if remote is None or store.database.is_read_only:
         return
-    for name, size in remote.sizes(f"{RECORDINGS}/{pseudonym}").items():
+    for name, size in remote.list_file_sizes(f"{RECORDINGS_FOLDER}/{pseudonym}").items():
         if _NAME.fullmatch(name) and size > _size(store.folder / name):
-            remote.download(name, store.absolute_path(name))
+            remote.download_file(name, store.resolve_path(name))
 
 
-def upload_before_storage(store: Store, name: str, stopped: Callable[[], bool]) -> None:
+def upload_recording_before_storage(store: StudyStore, name: str, stopped: Callable[[], bool]) -> None:
     """Upload a recording and its answers, if the study's folder is a temporary copy.
 
     The recording is then safe before its rows are stored. A failed upload is repeated until it succeeds. ``name``: path
@@ -53,36 +53,36 @@ def upload_before_storage(store: Store, name: str, stopped: Callable[[], bool]) 
         try:
             for each in _files(name):
                 if (store.folder / each).is_file():
-                    store.object_store.upload(each, store.folder / each)
+                    store.object_store.upload_file(each, store.folder / each)
             return
         except StudyError:
             if stopped():
                 raise
-            time.sleep(RETRY_DELAY_S)
+            time.sleep(UPLOAD_RETRY_DELAY_S)
 
 
-def object_store_problem(store: Store) -> str:
+def read_object_store_error(store: StudyStore) -> str:
     """Returns the error of the latest request to the study's object store; empty without an error."""
-    return "" if store.object_store is None else store.object_store.problem
+    return "" if store.object_store is None else store.object_store.latest_error_message
 
 
-def remove_recordings(store: Store, pseudonym: str) -> None:
+def remove_recordings(store: StudyStore, pseudonym: str) -> None:
     """Remove all recordings of a participant, first from the object store.
 
     Raises ``StudyError`` if the object store cannot be used. No local file is removed then.
     """
     if store.object_store is not None:
-        store.object_store.delete(f"{RECORDINGS}/{pseudonym}/")
-    remove_folder(store.folder / RECORDINGS / pseudonym)
+        store.object_store.delete_files(f"{RECORDINGS_FOLDER}/{pseudonym}/")
+    remove_folder(store.folder / RECORDINGS_FOLDER / pseudonym)
 
 
-class RecordingUploads:
+class RecordingUploader:
     """Context manager: a thread that uploads the recordings of ended attempts.
 
     At its end, the context uploads all remaining recordings. The next context repeats failed uploads.
     """
 
-    def __init__(self, store: Store, report: Callable[[str], None] = lambda problem: None) -> None:
+    def __init__(self, store: StudyStore, report: Callable[[str], None] = lambda problem: None) -> None:
         """``report``: called with each new error, and with a message when uploads succeed again."""
         self._store, self._report = store, report
         self._uploaded: dict[str, int] | None = None
@@ -108,25 +108,25 @@ class RecordingUploads:
     def _try_upload(self, remote: ObjectStore) -> None:
         before = self._problem
         try:
-            self.upload(remote)
+            self.upload_recordings(remote)
             self._problem = ""
         except (StudyError, OSError) as error:
             self._problem = str(error)
         if self._problem != before:
             self._report(self._problem or "recordings are uploaded again")
 
-    def upload(self, remote: ObjectStore) -> None:
+    def upload_recordings(self, remote: ObjectStore) -> None:
         """Upload all files that are longer than their copies. Raises ``StudyError`` after the first failure."""
         if self._uploaded is None:
-            self._uploaded = remote.sizes(RECORDINGS)
+            self._uploaded = remote.list_file_sizes(RECORDINGS_FOLDER)
         for recording in _ended_recordings(self._store):
             for name in _files(recording):
                 if _size(self._store.folder / name) > self._uploaded.get(name, -1):
                     with suppress(FileNotFoundError):  # the participant was deleted
-                        self._uploaded[name] = remote.upload(name, self._store.absolute_path(name))
+                        self._uploaded[name] = remote.upload_file(name, self._store.resolve_path(name))
 
 
-def _ended_recordings(store: Store) -> list[str]:
+def _ended_recordings(store: StudyStore) -> list[str]:
     table = ATTEMPT_TABLE
     with store.database.read_transaction() as connection:
         return list(
@@ -136,7 +136,7 @@ def _ended_recordings(store: Store) -> list[str]:
 
 def _files(recording: str) -> tuple[str, str]:
     """Returns the names of a recording and its answers file."""
-    return recording, answers_path(recording).as_posix()
+    return recording, get_answers_path(recording).as_posix()
 
 
 def _size(path: Path) -> int:

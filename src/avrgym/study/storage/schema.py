@@ -29,18 +29,18 @@ METADATA = MetaData(
 )
 
 
-def utc_timestamp() -> str:
+def make_utc_timestamp() -> str:
     """Returns the current time in the stored format (ISO 8601, UTC)."""
     return datetime.now(UTC).isoformat(timespec="microseconds")
 
 
-def new_salt() -> str:
+def make_salt() -> str:
     """Returns a random salt for a row. Without a salt, the row's contents could be guessed from its checksum."""
     return token_hex(16)
 
 
 def _salt() -> Column[str]:
-    return Column("salt", String, default=new_salt)
+    return Column("salt", String, default=make_salt)
 
 
 STUDY_TABLE = Table(
@@ -75,7 +75,7 @@ PARTICIPANT_TABLE = Table(
     Column("respondent", String),
     _salt(),
 )
-"""Participants, see ``rows.Participant``.
+"""Participants, see ``database_rows.Participant``.
 
 ``functioning``: answers about disability, diagnosis and assistive devices. ``input_profile``: input devices and
 actions, see ``recording.input_profile``. ``respondent``: ``proxy`` if a proxy answers the questionnaires.
@@ -112,7 +112,7 @@ DESIGN_TABLE = Table(
 )
 """The design at the start of a session, or at the inclusion of a participant (``session`` is null).
 
-``wordings`` contains the texts that participants read in each language, see ``design.comparison``.
+``wordings`` contains the texts that participants read in each language, see ``design.design_comparison``.
 """
 
 TRIAL_TABLE = Table(
@@ -251,7 +251,7 @@ participant's own consent.
 The participant's row also contains the latest consent.
 """
 
-LINK_TABLE = Table(
+SESSION_LINK_TABLE = Table(
     "link",
     METADATA,
     Column("id", Integer, primary_key=True),
@@ -334,7 +334,7 @@ EXPERIMENTER_TABLE = Table(
 )
 """Experimenters with personal tokens. Only checksums of tokens are stored."""
 
-LOG_TABLE = Table(
+AUDIT_LOG_TABLE = Table(
     "log",
     METADATA,
     Column("id", Integer, primary_key=True, autoincrement=False),

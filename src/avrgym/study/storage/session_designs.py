@@ -10,17 +10,17 @@ import msgspec
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.recording.configuration import TrialConfiguration
 from avrgym.recording.reader import RecordingError, read_header
-from avrgym.study.design.comparison import DesignTexts, design_from_dict
 from avrgym.study.design.design import Design, InclusionQuestion
-from avrgym.study.storage.rows import Participant, StoredDesign, StudySession, Trial, TrialAttempt
+from avrgym.study.design.design_comparison import DesignTexts, design_from_dict
+from avrgym.study.storage.database_rows import Participant, StoredDesign, StudySession, Trial, TrialAttempt
 from avrgym.study.storage.sites import SITE_DIFFERENCE_EVENT
-from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.study.storage.store import StudyStore
 from avrgym.texts.interface_texts import InvalidTextsError, normalize_whitespace, read_texts
 
 SentenceTranslator = Callable[[str], str]
 """Function that translates an English sentence of a design."""
-AFTER_TRIAL = "after_trial"
+AFTER_TRIAL_MOMENT = "after_trial"
 """The moment of questions about a trial, one of ``QUESTION_MOMENTS``."""
 
 
@@ -41,14 +41,14 @@ def design_from_recording(
         "withdraw_after_success": configuration.withdraw_after_success,
         "furniture": configuration.furniture,
     }
-    if configuration.settings != design.settings_of_condition(trial.policy):
+    if configuration.settings != design.find_condition_settings(trial.policy):
         changes["settings"] = configuration.settings
     if configuration.free_movement_s is not None:
         changes["free_movement_s"] = configuration.free_movement_s
     if configuration.stop_rules is not None:
         changes["stop_rules"] = configuration.stop_rules
     task = trial.task
-    expected = design.instruction_of_task(task, trial.policy)
+    expected = design.find_task_instruction(task, trial.policy)
     if configuration.goal not in (expected, translate(expected)):
         changes["goals"] = {**design.goals, task: configuration.goal}
     if not trial.practice:
@@ -65,7 +65,9 @@ def _asked(
     for order in ("as designed", "fixed", "random"):
         found = tuple(_with_items(each, asked, order) for each in design.questionnaires)
         found = _with_others(found, asked)
-        again = msgspec.structs.replace(design, questionnaires=found).items_at_moment(AFTER_TRIAL, seed)
+        again = msgspec.structs.replace(design, questionnaires=found).list_items_at_moment(
+            AFTER_TRIAL_MOMENT, seed
+        )
         if [item.id for item in again] == list(asked):
             return found
     return tuple(_sorted(each, list(asked)) for each in found)
@@ -88,7 +90,7 @@ def translate_item(item: Item, translate: SentenceTranslator) -> Item:
 
 
 def _with_items(questionnaire: Questionnaire, asked: Mapping[str, Item], order: str) -> Questionnaire:
-    if AFTER_TRIAL not in questionnaire.moments:
+    if AFTER_TRIAL_MOMENT not in questionnaire.moments:
         return questionnaire
     own = tuple(asked[item.id] for item in questionnaire.items if item.id in asked)
     order = questionnaire.order if order == "as designed" else order
@@ -99,13 +101,15 @@ def _with_others(
     questionnaires: tuple[Questionnaire, ...], asked: Mapping[str, Item]
 ) -> tuple[Questionnaire, ...]:
     """Returns the questionnaires, and one for recorded items that no questionnaire after trials contains."""
-    known = {item.id for each in questionnaires if AFTER_TRIAL in each.moments for item in each.items}
+    known = {item.id for each in questionnaires if AFTER_TRIAL_MOMENT in each.moments for item in each.items}
     others = tuple(item for item in asked.values() if item.id not in known)
-    return (*questionnaires, Questionnaire("recorded", AFTER_TRIAL, others)) if others else questionnaires
+    return (
+        (*questionnaires, Questionnaire("recorded", AFTER_TRIAL_MOMENT, others)) if others else questionnaires
+    )
 
 
 def _sorted(questionnaire: Questionnaire, ids: Sequence[str]) -> Questionnaire:
-    if AFTER_TRIAL not in questionnaire.moments:
+    if AFTER_TRIAL_MOMENT not in questionnaire.moments:
         return questionnaire
     own = tuple(sorted(questionnaire.items, key=lambda item: ids.index(item.id)))
     return msgspec.structs.replace(questionnaire, items=own, order="fixed")
@@ -115,7 +119,7 @@ def _sorted(questionnaire: Questionnaire, ids: Sequence[str]) -> Questionnaire:
 class SessionDesign:
     """The design of a session.
 
-    ``trial_positions``: positions of the trials that used this design. ``wordings``: the texts for participants;
+    ``trial_positions``: positions of the trials that used this design. ``design_texts``: the texts for participants;
     ``None`` if the database does not contain the session's design.
     """
 
@@ -123,7 +127,7 @@ class SessionDesign:
     session: StudySession
     trial_positions: tuple[int, ...]
     design: Design
-    wordings: DesignTexts | None
+    design_texts: DesignTexts | None
 
     @property
     def language(self) -> str:
@@ -131,7 +135,9 @@ class SessionDesign:
         return self.participant.language or self.design.languages[0]
 
 
-def session_designs(store: Store, participants: Sequence[Participant] | None = None) -> list[SessionDesign]:
+def read_session_designs(
+    store: StudyStore, participants: Sequence[Participant] | None = None
+) -> list[SessionDesign]:
     """Returns the designs of all sessions, from the database, or from the recordings of a session without one.
 
     ``participants``: only sessions of these participants; default: all participants.
@@ -139,13 +145,13 @@ def session_designs(store: Store, participants: Sequence[Participant] | None = N
     stored = _stored(store)
     return [
         entry
-        for participant in (store.participants() if participants is None else participants)
+        for participant in (store.read_participants() if participants is None else participants)
         for session, attempts in _sessions(store, participant)
         for entry in _designs_of(store, participant, session, attempts, stored.get(session.id))
     ]
 
 
-def designs_from_recordings(store: Store) -> list[SessionDesign]:
+def read_designs_from_recordings(store: StudyStore) -> list[SessionDesign]:
     """Returns the designs of all sessions, from the sessions' recordings.
 
     Values that recordings lack are read from the database, or from the study's current design. Trials without a
@@ -156,7 +162,7 @@ def designs_from_recordings(store: Store) -> list[SessionDesign]:
         replace(entry, design=msgspec.structs.replace(entry.design, inclusion=admitted[participant.number]))
         if participant.number in admitted
         else entry
-        for participant in store.participants()
+        for participant in store.read_participants()
         for session, attempts in _sessions(store, participant)
         for entry in _recorded(store, participant, session, attempts, stored.get(session.id))
     ]
@@ -172,7 +178,9 @@ def design_from_row(row: StoredDesign) -> Design:
         ) from error
 
 
-def sentence_translator(store: Store, language: str, wordings: DesignTexts | None) -> Callable[[str], str]:
+def make_sentence_translator(
+    store: StudyStore, language: str, wordings: DesignTexts | None
+) -> Callable[[str], str]:
     """Returns a function that translates a design's sentences into a language.
 
     It uses the stored ``wordings``; if they are ``None``, the study's current texts.
@@ -202,13 +210,13 @@ def describe_trials(sessions: Iterable[SessionDesign], everyone: Iterable[Sessio
 
 
 def is_accepted_site_difference(
-    store: Store, own: Sequence[SessionDesign], sessions: Sequence[SessionDesign]
+    store: StudyStore, own: Sequence[SessionDesign], sessions: Sequence[SessionDesign]
 ) -> bool:
     """Returns whether a difference exists only between sites and was accepted at the merge.
 
     ``own``: sessions with the difference. ``sessions``: all sessions of the study.
     """
-    accepted = any(event.name == SITE_DIFFERENCE_EVENT for event in store.events())
+    accepted = any(event.name == SITE_DIFFERENCE_EVENT for event in store.read_events())
     sites = {entry.participant.site for entry in own}
     whole = [entry for entry in sessions if entry.participant.site in sites]
     return accepted and len(whole) == len(own)
@@ -232,27 +240,29 @@ def _ranges(positions: list[int]) -> str:
     return f"{'trial' if len(positions) == 1 else 'trials'} {words}"
 
 
-def _admitted(store: Store) -> dict[int, tuple[InclusionQuestion, ...]]:
+def _admitted(store: StudyStore) -> dict[int, tuple[InclusionQuestion, ...]]:
     """Returns the inclusion questions that each participant answered, by participant number."""
     return {
         row.participant: design_from_row(row).inclusion
-        for row in store.stored_designs()
+        for row in store.read_stored_designs()
         if row.session is None
     }
 
 
-def _stored(store: Store) -> dict[int, StoredDesign]:
-    return {row.session: row for row in store.stored_designs() if row.session is not None}
+def _stored(store: StudyStore) -> dict[int, StoredDesign]:
+    return {row.session: row for row in store.read_stored_designs() if row.session is not None}
 
 
-def _sessions(store: Store, participant: Participant) -> Iterator[tuple[StudySession, list[TrialAttempt]]]:
-    attempts = store.attempts(participant.pseudonym)
-    for session in store.sessions(participant.pseudonym):
+def _sessions(
+    store: StudyStore, participant: Participant
+) -> Iterator[tuple[StudySession, list[TrialAttempt]]]:
+    attempts = store.read_attempts(participant.pseudonym)
+    for session in store.read_sessions(participant.pseudonym):
         yield session, [each for each in attempts if each.session == session.id]
 
 
 def _designs_of(
-    store: Store,
+    store: StudyStore,
     participant: Participant,
     session: StudySession,
     attempts: list[TrialAttempt],
@@ -261,13 +271,13 @@ def _designs_of(
     if stored is None:
         yield from _recorded(store, participant, session, attempts, None)
         return
-    positions = {trial.id: trial.position for trial in store.trials(participant.pseudonym)}
+    positions = {trial.id: trial.position for trial in store.read_trials(participant.pseudonym)}
     run = sorted({positions[each.trial] for each in attempts if each.trial in positions})
     yield SessionDesign(participant, session, tuple(run), design_from_row(stored), stored.wordings)
 
 
 def _recorded(
-    store: Store,
+    store: StudyStore,
     participant: Participant,
     session: StudySession,
     attempts: list[TrialAttempt],
@@ -279,13 +289,13 @@ def _recorded(
     """
     design = store.design if stored is None else design_from_row(stored)
     wordings = None if stored is None else stored.wordings
-    translate = sentence_translator(store, participant.language or design.languages[0], wordings)
-    trials = {trial.id: trial for trial in store.trials(participant.pseudonym)}
+    translate = make_sentence_translator(store, participant.language or design.languages[0], wordings)
+    trials = {trial.id: trial for trial in store.read_trials(participant.pseudonym)}
     configurations = list[tuple[Trial, TrialConfiguration]]()
     for attempt in attempts:
         with suppress(OSError, RecordingError, StudyError, KeyError):  # other checks report it
             configurations.append(
-                (trials[attempt.trial], read_header(store.absolute_path(attempt.recording)).configuration)
+                (trials[attempt.trial], read_header(store.resolve_path(attempt.recording)).configuration)
             )
     if stored is None:
         for each in configurations:

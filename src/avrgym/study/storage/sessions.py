@@ -10,27 +10,27 @@ from avrgym.recording.schema import AttemptEnd
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.answers import has_open_questionnaire
 from avrgym.study.storage.attempts import EMPTY_METRICS, recover_attempt_metrics, store_attempt_end
-from avrgym.study.storage.rows import Participant, StudySession, Trial, TrialAttempt
-from avrgym.study.storage.schema import utc_timestamp
-from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.database_rows import Participant, StudySession, Trial, TrialAttempt
+from avrgym.study.storage.schema import make_utc_timestamp
+from avrgym.study.storage.state_transitions import StudyError
 from avrgym.study.storage.store import (
-    Store,
+    StudyStore,
     change_state,
-    event_subject,
     find_open_session,
     find_participant,
     find_row,
     find_rows,
     find_session,
     find_trial,
+    make_event_subject,
     record_event,
     store_design,
 )
 from avrgym.system.processes import is_process_running
-from avrgym.vr.headset_check import measurement_text, result_text
+from avrgym.vr.headset_check import format_measurements, format_result
 
 
-def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> StudySession:
+def open_session(store: StudyStore, pseudonym: str, *, take_over: bool = False) -> StudySession:
     """Open a session of a participant at this station. Returns the stored session.
 
     Sessions that a crash left open are ended first. If the robot had finished, the running attempt becomes completed;
@@ -61,7 +61,7 @@ def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> St
         return _insert_session(store, connection, participant, len(own) + 1)
 
 
-def check_consent_version(store: Store, participant: Participant) -> None:
+def check_consent_version(store: StudyStore, participant: Participant) -> None:
     """Raises ``StudyError`` if the participant must first agree to the current version of the consent text."""
     present = store.design.consent.version
     if participant.must_reconsent(present):
@@ -71,7 +71,7 @@ def check_consent_version(store: Store, participant: Participant) -> None:
         )
 
 
-def close_session(store: Store, session_id: int) -> None:
+def close_session(store: StudyStore, session_id: int) -> None:
     """End a session. A running attempt is interrupted.
 
     If all trials and questionnaires are completed, the participant becomes completed.
@@ -84,33 +84,33 @@ def close_session(store: Store, session_id: int) -> None:
             change_state(connection, participant, "completed", {"participant": participant.number})
 
 
-def has_completed_study(store: Store, connection: sa.Connection, participant: Participant) -> bool:
+def has_completed_study(store: StudyStore, connection: sa.Connection, participant: Participant) -> bool:
     """Returns whether a participant has completed all trials and questionnaires."""
     trials = find_rows(connection, Trial, participant=participant.number)
     completed = all(trial.state == "completed" for trial in trials)
     return completed and not _is_any_open(store, connection, trials)
 
 
-def _is_any_open(store: Store, connection: sa.Connection, trials: list[Trial]) -> bool:
+def _is_any_open(store: StudyStore, connection: sa.Connection, trials: list[Trial]) -> bool:
     attempts = [each for trial in trials for each in find_rows(connection, TrialAttempt, trial=trial.id)]
     return any(has_open_questionnaire(store, connection, attempt) for attempt in attempts)
 
 
-def skip_trial(store: Store, session_id: int, position: int) -> None:
+def skip_trial(store: StudyStore, session_id: int, position: int) -> None:
     """Move a planned trial to the end of the participant's remaining trials."""
     with store.database.write_transaction() as connection:
         session = find_open_session(connection, session_id)
         trial = find_trial(connection, session, position)
-        change_state(connection, trial, "skipped", event_subject(session), f"trial {position}")
+        change_state(connection, trial, "skipped", make_event_subject(session), f"trial {position}")
 
 
 def record_session_event(
-    store: Store, session_id: int, name: str, detail: str = "", attempt_id: int | None = None
+    store: StudyStore, session_id: int, name: str, detail: str = "", attempt_id: int | None = None
 ) -> None:
     """Store an event of a session, such as a lost connection."""
     with store.database.write_transaction() as connection:
         session = find_session(connection, session_id)
-        event = event_subject(session)
+        event = make_event_subject(session)
         if attempt_id is not None:
             attempt = find_row(
                 connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id, session=session_id
@@ -119,19 +119,24 @@ def record_session_event(
         record_event(connection, name, detail, event)
 
 
-def store_headset_check(store: Store, session_id: int, check: HeadsetCheck) -> None:
+def store_headset_check(store: StudyStore, session_id: int, check: HeadsetCheck) -> None:
     """Store the result of a headset check in the session's row and as an event. The row has only the latest result."""
     with store.database.write_transaction() as connection:
         session = find_open_session(connection, session_id)
-        hash_chain.update(
+        hash_chain.update_row(
             connection, schema.SESSION_TABLE, session.id, headset_check=msgspec.to_builtins(check)
         )
-        detail = f"{result_text(check)} {measurement_text(check)}"
-        record_event(connection, "headset checked", detail, event_subject(session))
+        detail = f"{format_result(check)} {format_measurements(check)}"
+        record_event(connection, "headset checked", detail, make_event_subject(session))
 
 
 def end_open_sessions(
-    store: Store, connection: sa.Connection, participant: Participant, *, attempts: AttemptEnd, sessions: str
+    store: StudyStore,
+    connection: sa.Connection,
+    participant: Participant,
+    *,
+    attempts: AttemptEnd,
+    sessions: str,
 ) -> None:
     """End the open sessions and running attempts of a participant.
 
@@ -142,33 +147,35 @@ def end_open_sessions(
         _end_session(store, connection, session, attempts=attempts, after=sessions)
 
 
-def may_be_running(store: Store, session: StudySession) -> bool:
+def may_be_running(store: StudyStore, session: StudySession) -> bool:
     """Returns whether the process of an open session may still be running.
 
     The result is ``True`` for a process at another station, and ``False`` in a merged study.
     """
-    return not store.sites() and (session.station != store.station or is_process_running(session.process_id))
+    return not store.read_sites() and (
+        session.station != store.station_name or is_process_running(session.process_id)
+    )
 
 
 def _insert_session(
-    store: Store, connection: sa.Connection, participant: Participant, number: int
+    store: StudyStore, connection: sa.Connection, participant: Participant, number: int
 ) -> StudySession:
     row = {
         "participant": participant.number,
         "number": number,
         "state": "open",
-        "station": store.station,
+        "station": store.station_name,
         "process_id": os.getpid(),
-        "opened_at": utc_timestamp(),
+        "opened_at": make_utc_timestamp(),
     }
-    session = find_session(connection, hash_chain.insert(connection, schema.SESSION_TABLE, **row))
-    record_event(connection, "session open", session.name, event_subject(session))
-    store_design(store, connection, event_subject(session))
+    session = find_session(connection, hash_chain.insert_row(connection, schema.SESSION_TABLE, **row))
+    record_event(connection, "session open", session.name, make_event_subject(session))
+    store_design(store, connection, make_event_subject(session))
     return session
 
 
 def _end_session(
-    store: Store, connection: sa.Connection, session: StudySession, *, attempts: AttemptEnd, after: str
+    store: StudyStore, connection: sa.Connection, session: StudySession, *, attempts: AttemptEnd, after: str
 ) -> None:
     """End a session and its running attempts.
 
@@ -183,4 +190,4 @@ def _end_session(
         )
         ended = attempts if metrics is None else "completed"
         store_attempt_end(store, connection, attempt, ended, metrics or EMPTY_METRICS, closed=closed)
-    change_state(connection, session, after, event_subject(session), closed_at=utc_timestamp())
+    change_state(connection, session, after, make_event_subject(session), closed_at=make_utc_timestamp())

@@ -17,9 +17,9 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 
 from avrgym.system.files import (
     PRIVATE_FILE_MODE,
+    get_user_data_folder,
     make_private_folder,
-    private_opener,
-    user_data_folder,
+    open_privately,
     write_atomically,
 )
 
@@ -28,7 +28,7 @@ SIGNING_KEY_FILE = "signing-key.pem"
 _STUDIES = "studies"
 
 
-class LastListEntry(msgspec.Struct, frozen=True, rename={"list_id": "list_digest"}):
+class LastParticipationEntry(msgspec.Struct, frozen=True, rename={"list_id": "list_digest"}):
     """The last entry that this user wrote in a participation list.
 
     ``folder``: folder of the study. ``list_id``: id of the list. ``digest``: digest of the entry.
@@ -42,7 +42,7 @@ class LastListEntry(msgspec.Struct, frozen=True, rename={"list_id": "list_digest
 def load_signing_key() -> Ed25519PrivateKey | None:
     """Returns the user's signing key; ``None`` if it cannot be read or written. A missing key is created."""
     try:
-        return _key_in(user_data_folder())
+        return _key_in(get_user_data_folder())
     except (OSError, ValueError):
         return None
 
@@ -65,7 +65,7 @@ def _make_key(path: Path) -> None:
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    with open(temporary, "xb", opener=private_opener) as file:
+    with open(temporary, "xb", opener=open_privately) as file:
         file.write(pem)
         file.flush()
         os.fsync(file.fileno())
@@ -74,7 +74,7 @@ def _make_key(path: Path) -> None:
     temporary.unlink()
 
 
-def public_key(key: Ed25519PrivateKey) -> str:
+def encode_public_key(key: Ed25519PrivateKey) -> str:
     """Returns the public key as hexadecimal digits."""
     return key.public_key().public_bytes_raw().hex()
 
@@ -91,23 +91,23 @@ def is_signature_valid(public: str, signature: str, text: str) -> bool:
 
 def store_last_entry(folder: Path, list_id: str, digest: str) -> None:
     """Store the last entry of a study's participation list in the user's data folder. Errors are ignored."""
-    known = LastListEntry(str(folder.resolve()), list_id, digest)
+    known = LastParticipationEntry(str(folder.resolve()), list_id, digest)
     with suppress(OSError, ValueError):
         path = _path_of(folder)
         make_private_folder(path.parent)
         write_atomically(path, msgspec.json.encode(known), PRIVATE_FILE_MODE)
 
 
-def read_last_entry(folder: Path) -> LastListEntry | None:
+def read_last_entry(folder: Path) -> LastParticipationEntry | None:
     """Returns the stored last entry of the study in a folder; ``None`` if none is stored."""
     with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
         return _read(_path_of(folder))
     return None
 
 
-def last_entry_of_moved_study(list_id: str) -> LastListEntry | None:
+def find_last_entry_of_moved_study(list_id: str) -> LastParticipationEntry | None:
     """Returns the stored last entry of a list if its study's folder no longer exists; otherwise ``None``."""
-    for path in sorted((user_data_folder() / _STUDIES).glob("*.json")):
+    for path in sorted((get_user_data_folder() / _STUDIES).glob("*.json")):
         with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
             known = _read(path)
             if known.list_id == list_id and not Path(known.folder).exists():
@@ -115,10 +115,10 @@ def last_entry_of_moved_study(list_id: str) -> LastListEntry | None:
     return None
 
 
-def _read(path: Path) -> LastListEntry:
-    return msgspec.json.decode(path.read_bytes(), type=LastListEntry)
+def _read(path: Path) -> LastParticipationEntry:
+    return msgspec.json.decode(path.read_bytes(), type=LastParticipationEntry)
 
 
 def _path_of(folder: Path) -> Path:
     name = hashlib.sha256(str(folder.resolve()).encode("utf-8", "surrogateescape")).hexdigest()[:32]
-    return user_data_folder() / _STUDIES / f"{name}.json"
+    return get_user_data_folder() / _STUDIES / f"{name}.json"

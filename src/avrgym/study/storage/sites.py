@@ -7,11 +7,11 @@ to the merged study itself.
 import sqlalchemy as sa
 
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.rows import StudyEvent
-from avrgym.study.storage.schema import utc_timestamp
+from avrgym.study.storage.database_rows import StudyEvent
+from avrgym.study.storage.schema import make_utc_timestamp
 from avrgym.study.storage.store import find_rows
 
-PARTICIPANTS_PER_SITE, ROWS_PER_SITE = 1_000, 10**9
+PARTICIPANT_NUMBER_STRIDE, ROW_ID_STRIDE = 1_000, 10**9
 """Distance between the participant numbers, and between the row ids, of two sites in a merged study."""
 SITE_DIFFERENCE_EVENT = "site differs"
 """Name of the event for an accepted difference between merged studies. Its detail describes the difference."""
@@ -19,19 +19,19 @@ OMITTED_RECORDING_EVENT = "recording left out"
 """Name of the event for a damaged or missing recording that was not merged. Its detail is the reason."""
 
 
-def merged_participant_number(site: int, number: int) -> int:
+def compute_merged_participant_number(site: int, number: int) -> int:
     """Returns a participant's number in the merged study. ``number``: participant number at the site."""
-    return site * PARTICIPANTS_PER_SITE + number
+    return site * PARTICIPANT_NUMBER_STRIDE + number
 
 
-def site_number_of(number: int) -> int:
+def compute_site_number(number: int) -> int:
     """Returns the site number of a participant. ``number``: participant number in the merged study."""
-    return number // PARTICIPANTS_PER_SITE
+    return number // PARTICIPANT_NUMBER_STRIDE
 
 
-def merged_row_id(site: int, row: int) -> int:
+def compute_merged_row_id(site: int, row: int) -> int:
     """Returns a row's id in the merged study. ``row``: id of the row at the site."""
-    return site * ROWS_PER_SITE + row
+    return site * ROW_ID_STRIDE + row
 
 
 def record_event_once(connection: sa.Connection, name: str, detail: str, **about: int) -> None:
@@ -39,12 +39,12 @@ def record_event_once(connection: sa.Connection, name: str, detail: str, **about
     events = find_rows(connection, StudyEvent)
     if any((each.name, each.detail, each.attempt) == (name, detail, about.get("attempt")) for each in events):
         return
-    own = max((each.id for each in events if each.id < ROWS_PER_SITE), default=0)
-    hash_chain.insert(
+    own = max((each.id for each in events if each.id < ROW_ID_STRIDE), default=0)
+    hash_chain.insert_row(
         connection,
         schema.EVENT_TABLE,
         id=own + 1,
-        recorded_at=utc_timestamp(),
+        recorded_at=make_utc_timestamp(),
         name=name,
         detail=detail,
         **about,

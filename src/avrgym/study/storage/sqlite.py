@@ -12,8 +12,8 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.event import listens_for
 
-from avrgym.study.storage.states import StudyError
-from avrgym.system.files import private_opener
+from avrgym.study.storage.state_transitions import StudyError
+from avrgym.system.files import open_privately
 
 LOCK_TIMEOUT_S = 60
 """Maximum time in seconds to wait for the write lock."""
@@ -26,7 +26,7 @@ _COMPILED: dict[Any, Any] = {}
 def make_engine(path: Path) -> sa.Engine:
     """Returns an SQLAlchemy engine for a database file. A missing file is created; only its owner can read it."""
     with suppress(FileExistsError):
-        open(path, "xb", opener=private_opener).close()
+        open(path, "xb", opener=open_privately).close()
     template = _template()
 
     def connect() -> Any:
@@ -61,7 +61,7 @@ def _template() -> sa.Engine:
     return engine
 
 
-def database_checksum(connection: sa.Connection) -> str:
+def compute_database_checksum(connection: sa.Connection) -> str:
     """Returns the SHA-256 (hexadecimal) of an open database, including its write-ahead log.
 
     SQLite reads the file, because closing another file handle would release SQLite's locks.
@@ -71,13 +71,13 @@ def database_checksum(connection: sa.Connection) -> str:
     return hashlib.sha256(driver.serialize()).hexdigest()
 
 
-def closed_database_checksum(path: Path) -> str:
+def compute_closed_database_checksum(path: Path) -> str:
     """Returns the SHA-256 (hexadecimal) of a closed database. Raises ``sqlite3.Error`` if it cannot be read."""
     with closing(sqlite3.connect(path)) as connection:
         return hashlib.sha256(connection.serialize()).hexdigest()
 
 
-def find_faults(connection: sa.Connection) -> list[str]:
+def find_sqlite_errors(connection: sa.Connection) -> list[str]:
     """Returns the errors that SQLite's integrity checks report."""
     found = connection.exec_driver_sql("PRAGMA integrity_check").scalars().all()
     strays = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
@@ -103,7 +103,7 @@ def erase_deleted_data(path: Path) -> None:
 
 def back_up_database(source: Path, target: Path) -> None:
     """Copy a database to a new file. Other processes may use the database during the copy."""
-    open(target, "xb", opener=private_opener).close()
+    open(target, "xb", opener=open_privately).close()
     with closing(sqlite3.connect(source)) as old, closing(sqlite3.connect(target)) as new:
         old.backup(new)
 

@@ -8,18 +8,23 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import constant_like, namespace
-from avrgym.models.furniture.wheelchair import ARMREST_TOP_M
+from avrgym.geometry.arrays import constant_like, get_namespace
+from avrgym.models.furniture.wheelchair import ARMREST_TOP_HEIGHT_M
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import RightArmPoses, State
 from avrgym.tasks.arm_manipulation.reward import (
     ELBOW_INDEX,
     RESTING_FOREARM_X_M,
     ArmManipulationState,
-    forearm_up_direction_w,
-    lifted_point_w,
+    compute_forearm_up_direction_w,
+    compute_lifted_point_w,
 )
-from avrgym.tasks.experts.feedback import FeedbackExpert, ToolTarget, speed_m_s, standoff_for_offset_m
+from avrgym.tasks.experts.feedback import (
+    FeedbackExpert,
+    ToolTarget,
+    compute_standoff_m,
+    compute_tool_speed_m_s,
+)
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import Controller, RunningEpisodes
 
@@ -30,13 +35,13 @@ In contact, the scooper is ``CONTACT_OFFSET_M`` below the forearm's axis. Before
 ``MAX_STANDOFF_M`` lower if its lateral offset exceeds ``FREE_LATERAL_OFFSET_M``. ``ALONG_FOREARM_WEIGHT`` is the weight
 of offsets along the forearm.
 """
-CRADLED_HEIGHT_M, ON_RIM_HEIGHT_M = 0.06, 0.08
+CRADLED_HEIGHT_M, RIM_CONTACT_HEIGHT_M = 0.06, 0.08
 """Heights of the forearm's axis above the scooper.
 
-At ``CRADLED_HEIGHT_M`` the forearm is between the rims. At ``ON_RIM_HEIGHT_M`` it may be on a rim. Between these
+At ``CRADLED_HEIGHT_M`` the forearm is between the rims. At ``RIM_CONTACT_HEIGHT_M`` it may be on a rim. Between these
 heights, the lateral motion decreases to zero.
 """
-CARRYING_HEIGHT_M = ARMREST_TOP_M + CONTACT_OFFSET_M + 0.03
+CARRYING_HEIGHT_M = ARMREST_TOP_HEIGHT_M + CONTACT_OFFSET_M + 0.03
 """Height of the forearm's axis at which the scooper passes over the armrest."""
 LIFT_HEIGHT_TOLERANCE_M = 0.03
 """Maximum distance of the forearm below the carrying height at which the scooper also moves it to the person's left."""
@@ -54,30 +59,32 @@ Third and fourth, the maximum and minimum speed of the scooper.
 """
 
 
-def handle_direction_w(scene: SceneConfig) -> FloatArray:
+def compute_handle_direction_w(scene: SceneConfig) -> FloatArray:
     """Returns the direction (3,) of the scooper's handle in the world frame, from the robot's hand to the trough."""
-    return np.array([1.0, -0.4, 0.0] if scene.mount.on_floor else [1.0, 0.0, 0.0])
+    return np.array([1.0, -0.4, 0.0] if scene.mount.is_on_floor else [1.0, 0.0, 0.0])
 
 
-def scooper_q_w(arm: RightArmPoses, heading: FloatArray) -> FloatArray:
+def compute_scooper_quat_w(arm: RightArmPoses, heading: FloatArray) -> FloatArray:
     """Returns the rotation (N, 4) of a scooper below the forearm, with its handle along ``heading`` (3,)."""
-    z_w = forearm_up_direction_w(arm)
+    z_w = compute_forearm_up_direction_w(arm)
     ahead = constant_like(heading, z_w)
     x_w = transforms.normalize(ahead - z_w * (z_w * ahead).sum(axis=-1)[:, None])
-    return transforms.from_matrix(namespace(z_w).stack([x_w, transforms.cross(z_w, x_w), z_w], axis=-1))
+    return transforms.from_matrix(get_namespace(z_w).stack([x_w, transforms.cross(z_w, x_w), z_w], axis=-1))
 
 
 def make_lifting_expert(episodes: RunningEpisodes) -> Controller:
     """Returns the expert for the robot of ``episodes``. The robot determines the direction of the scooper's handle."""
-    return FeedbackExpert(episodes, partial(lifting_target, heading=handle_direction_w(episodes.scene)))
+    return FeedbackExpert(
+        episodes, partial(compute_lifting_target, heading=compute_handle_direction_w(episodes.scene))
+    )
 
 
-def lifting_target(
+def compute_lifting_target(
     state: State, task_state: ArmManipulationState, planner: MotionPlanner, heading: FloatArray
 ) -> ToolTarget:
     """Returns the next tool target: below the forearm, then upwards, then to the person's left."""
-    up_w, lifted_w = forearm_up_direction_w(state), lifted_point_w(state)
-    before = standoff_for_offset_m(_beside_m(state), FREE_LATERAL_OFFSET_M, MAX_STANDOFF_M)
+    up_w, lifted_w = compute_forearm_up_direction_w(state), compute_lifted_point_w(state)
+    before = compute_standoff_m(_beside_m(state), FREE_LATERAL_OFFSET_M, MAX_STANDOFF_M)
     missing = CARRYING_HEIGHT_M - lifted_w[:, 2]
     carries = np.clip(1.0 - missing / LIFT_HEIGHT_TOLERANCE_M, 0.0, 1.0)
     goal_w = lifted_w - (CONTACT_OFFSET_M + before)[:, None] * up_w
@@ -87,22 +94,23 @@ def lifting_target(
         RESTING_FOREARM_X_M + FOREARM_GOAL_OFFSET_M - MIN_LIFTED_POINT_X_M
     )
     above_m = ((lifted_w - state.tool_pos_w) * up_w).sum(axis=-1)
-    cradled = np.clip((ON_RIM_HEIGHT_M - above_m) / (ON_RIM_HEIGHT_M - CRADLED_HEIGHT_M), 0.0, 1.0)
+    cradled = np.clip((RIM_CONTACT_HEIGHT_M - above_m) / (RIM_CONTACT_HEIGHT_M - CRADLED_HEIGHT_M), 0.0, 1.0)
     goal_w[:, 0] += cradled * below * np.clip(aim_x - lifted_w[:, 0], 0.0, 2.0 * MAX_VERTICAL_LEAD_M)
     goal_w[:, 2] = np.minimum(goal_w[:, 2], CARRYING_HEIGHT_M + HEIGHT_MARGIN_M - CONTACT_OFFSET_M)
-    speed = np.minimum(speed_m_s(goal_w - state.tool_pos_w, MIN_SPEED_M_S), LIFT_SPEED_M_S)
-    return goal_w, scooper_q_w(state, heading), speed
+    speed = np.minimum(compute_tool_speed_m_s(goal_w - state.tool_pos_w, MIN_SPEED_M_S), LIFT_SPEED_M_S)
+    return goal_w, compute_scooper_quat_w(state, heading), speed
 
 
 def _beside_m(state: State) -> FloatArray:
     """Returns the distance (N,) of the scooper from the forearm's lifted point, without the component along
-    ``forearm_up_direction_w``.
+    ``compute_forearm_up_direction_w``.
 
     Offsets along the forearm have the weight ``ALONG_FOREARM_WEIGHT``, because the scooper slides along the forearm.
     """
-    offset = state.tool_pos_w - lifted_point_w(state)
-    along_w = transforms.rotate(state.right_arm_q_w[:, ELBOW_INDEX], (0.0, 0.0, 1.0))
+    offset = state.tool_pos_w - compute_lifted_point_w(state)
+    along_w = transforms.rotate(state.right_arm_quat_w[:, ELBOW_INDEX], (0.0, 0.0, 1.0))
     along, up = (
-        (offset * axis).sum(axis=-1)[:, None] * axis for axis in (along_w, forearm_up_direction_w(state))
+        (offset * axis).sum(axis=-1)[:, None] * axis
+        for axis in (along_w, compute_forearm_up_direction_w(state))
     )
     return transforms.norm(offset - up - (1.0 - ALONG_FOREARM_WEIGHT) * along)

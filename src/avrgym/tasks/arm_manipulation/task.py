@@ -3,47 +3,47 @@
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.geometry.arrays import constant_like, namespace
+from avrgym.geometry.arrays import constant_like, get_namespace
 from avrgym.models import human
-from avrgym.models.furniture.wheelchair import ARMREST_TOP_M
+from avrgym.models.furniture.wheelchair import ARMREST_TOP_HEIGHT_M
 from avrgym.models.human import JOINTS, People
 from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.models.scooper import SCOOPER
-from avrgym.people.distributions import Pose
+from avrgym.people.distributions import PoseDistribution
 from avrgym.simulation.worlds import InitialState, RightArmPoses
 from avrgym.tasks import observation as seen
 from avrgym.tasks import placement
 from avrgym.tasks.arm_manipulation.expert import (
     CONTACT_OFFSET_M,
     MAX_STANDOFF_M,
-    handle_direction_w,
+    compute_handle_direction_w,
+    compute_scooper_quat_w,
     make_lifting_expert,
-    scooper_q_w,
 )
 from avrgym.tasks.arm_manipulation.reward import (
     RESTING_FOREARM_HEIGHT_M,
     RESTING_FOREARM_X_M,
-    WEIGHTS,
+    REWARD_WEIGHTS,
+    compute_forearm_up_direction_w,
+    compute_lifted_point_w,
     evaluate_step,
-    forearm_up_direction_w,
-    init_state,
-    lifted_point_w,
+    make_initial_task_state,
 )
-from avrgym.tasks.observation import Observation, goal_offset_entry, position_entry
-from avrgym.tasks.person import ARM_SPREAD_RAD
-from avrgym.tasks.task import Task, View, Views
+from avrgym.tasks.observation import ObservationSpec, make_goal_offset_entry, make_position_entry
+from avrgym.tasks.person import MAX_ARM_OFFSET_RAD
+from avrgym.tasks.task import CameraView, CameraViews, Task
 
-INITIAL_POSE = Pose(
-    rest_rad=human.seated_joint_angles(right_shoulder_y=52.0, right_elbow_x=-55.0),
-    spread_rad=0.5 * ARM_SPREAD_RAD,
+INITIAL_POSE = PoseDistribution(
+    rest_angles_rad=human.make_seated_joint_angles(right_shoulder_y=52.0, right_elbow_x=-55.0),
+    max_offset_rad=0.5 * MAX_ARM_OFFSET_RAD,
 )
 """Initial pose: seated, the upper arm outside the armrest, the forearm hanging down. Each joint of the arm is within
 ±5°.
 
 With less abduction, the arms of short people overlap the armrest, and the hand is close to a mounted robot.
 """
-LIMP_ARM_STRENGTH_SHARES = {
+LIMP_ARM_STRENGTH_FRACTIONS = {
     **{joint: 0.03 for joint in JOINTS if joint.startswith("right_")},
     "right_shoulder_y": 0.005,
     "right_elbow_x": 0.015,
@@ -53,41 +53,42 @@ LIMP_ARM_STRENGTH_SHARES = {
 The model compensates gravity. Instead of the arm's weight, these joint torques resist the lift: 0.75 N m at the elbow.
 The shoulder resists a swing of the upper arm with 1.8 N m, and its adduction with 0.3 N m.
 """
-MAX_START_OFFSET_M, MAX_START_X_M = 0.03, -0.44
+MAX_INITIAL_SCOOPER_OFFSET_M, MAX_INITIAL_SCOOPER_X_M = 0.03, -0.44
 """Maximum random offset of the scooper at the start, and largest x coordinate before this offset is added.
 
 At this coordinate, the scooper does not touch the wheel of the wheelchair.
 """
 
 
-def scene(robot: Robot) -> SceneConfig:
+def make_scene(robot: Robot) -> SceneConfig:
     """Returns the scene: a wheelchair; the robot's left arm holds the scooper.
 
     Raises:
         UnsuitableRobotError: if the robot has no suitable arm, mount or grip.
     """
-    return placement.wheelchair_scene(robot, "left", SCOOPER, (0.0, 0.0))
+    return placement.make_wheelchair_scene(robot, "left", SCOOPER, (0.0, 0.0))
 
 
-def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> InitialState:
+def sample_initial_states(scene: SceneConfig, people: People, uniforms: FloatArray) -> InitialState:
     """Returns initial states with the scooper within ±3 cm of a point below the forearm.
 
     The base search has two goals: tool poses on the path of the forearm to the armrest.
     """
-    xp = namespace(uniforms)
-    pos_w, q_w = human.body_frames(people, scene.posture, human.RIGHT_ARM_BODIES)
+    xp = get_namespace(uniforms)
+    pos_w, q_w = human.compute_body_frames(people, scene.posture, human.RIGHT_ARM_BODIES)
     arm = RightArmPoses(
         *(xp.stack([part[name] for name in human.RIGHT_ARM_BODIES], axis=1) for part in (pos_w, q_w))
     )
-    lifted_w, up_w = lifted_point_w(arm), forearm_up_direction_w(arm)
-    height = xp.full_like(lifted_w[:, 0], ARMREST_TOP_M + RESTING_FOREARM_HEIGHT_M - CONTACT_OFFSET_M)
-    spread_m = MAX_START_OFFSET_M * (2.0 * uniforms[:, :3] - 1.0)
+    lifted_w, up_w = compute_lifted_point_w(arm), compute_forearm_up_direction_w(arm)
+    height = xp.full_like(lifted_w[:, 0], ARMREST_TOP_HEIGHT_M + RESTING_FOREARM_HEIGHT_M - CONTACT_OFFSET_M)
+    spread_m = MAX_INITIAL_SCOOPER_OFFSET_M * (2.0 * uniforms[:, :3] - 1.0)
     tool_w, tool_q_w = (
         lifted_w - (CONTACT_OFFSET_M + MAX_STANDOFF_M) * up_w,
-        scooper_q_w(arm, handle_direction_w(scene)),
+        compute_scooper_quat_w(arm, compute_handle_direction_w(scene)),
     )
     tool_w = spread_m + xp.stack(
-        [xp.minimum(tool_w[:, 0], 0.0 * height + MAX_START_X_M), tool_w[:, 1], tool_w[:, 2]], axis=-1
+        [xp.minimum(tool_w[:, 0], 0.0 * height + MAX_INITIAL_SCOOPER_X_M), tool_w[:, 1], tool_w[:, 2]],
+        axis=-1,
     )
     over_armrest = xp.full_like(height, RESTING_FOREARM_X_M)
     goals_w = xp.stack(
@@ -95,20 +96,22 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> InitialSt
     )
     level = constant_like(np.array([1.0, 0.0, 0.0, 0.0]), goals_w)
     goals_q_w = xp.tile(level, (*goals_w.shape[:2], 1))
-    return placement.find_start(scene, people, {}, tool_w, tool_q_w, goals_w, goals_q_w, uniforms[:, 3:])
+    return placement.find_initial_state(
+        scene, people, {}, tool_w, tool_q_w, goals_w, goals_q_w, uniforms[:, 3:]
+    )
 
 
-def observation(scene: SceneConfig) -> Observation:
+def make_observation_spec(scene: SceneConfig) -> ObservationSpec:
     """Returns the observation: tool, forearm, joints of the robot's arm, the person's arm, and tool force."""
-    return Observation(
+    return ObservationSpec(
         (
             seen.TOOL_FROM_ROBOT,
             seen.TOOL_ROTATION,
-            goal_offset_entry(
-                "tool_from_forearm_m", lambda state, _: state.tool_pos_w - lifted_point_w(state)
+            make_goal_offset_entry(
+                "tool_from_forearm_m", lambda state, _: state.tool_pos_w - compute_lifted_point_w(state)
             ),
-            position_entry("across_forearm", lambda state, _: forearm_up_direction_w(state)),
-            seen.joint_positions(scene),
+            make_position_entry("across_forearm", lambda state, _: compute_forearm_up_direction_w(state)),
+            seen.make_arm_joint_positions_entry(scene),
             *seen.RIGHT_ARM_FROM_ROBOT,
             seen.TOOL_FORCE,
         )
@@ -117,22 +120,22 @@ def observation(scene: SceneConfig) -> Observation:
 
 ARM_MANIPULATION = Task(
     name="ArmManipulation",
-    goal="Get your right arm lifted back onto the armrest.",
-    pose=INITIAL_POSE,
-    offered="arm",
-    strength_share=LIMP_ARM_STRENGTH_SHARES,
-    scene=scene,
-    num_uniforms=3 + placement.NUM_UNIFORMS,
-    start=start,
-    init_state=init_state,
-    observation=observation,
-    weights=WEIGHTS,
+    goal_description="Get your right arm lifted back onto the armrest.",
+    pose_distribution=INITIAL_POSE,
+    offered_body_part="arm",
+    strength_share=LIMP_ARM_STRENGTH_FRACTIONS,
+    make_scene=make_scene,
+    num_random_numbers=3 + placement.NUM_RANDOM_NUMBERS,
+    sample_initial_states=sample_initial_states,
+    make_initial_task_state=make_initial_task_state,
+    make_observation_spec=make_observation_spec,
+    reward_weights=REWARD_WEIGHTS,
     evaluate_step=evaluate_step,
     expert=make_lifting_expert,
     feedback_expert=make_lifting_expert,
-    views=Views(
-        mounted=View((-0.30, -0.15, 0.75), 1.75, 62.0, -20.0),
-        on_floor=View((-0.35, -0.20, 0.80), 2.1, 100.0, -20.0),
+    camera_views=CameraViews(
+        mounted_robot_view=CameraView((-0.30, -0.15, 0.75), 1.75, 62.0, -20.0),
+        floor_robot_view=CameraView((-0.35, -0.20, 0.80), 2.1, 100.0, -20.0),
     ),
-    tracked=("head", "right"),
+    tracked_body_parts=("head", "right"),
 )

@@ -18,10 +18,10 @@ from avrgym.tasks.bed_bathing.expert import (
     MAX_FORCE_N,
     UPPER_ARM,
     WIPE_SPEED_M_S,
-    cloth_pose,
-    limb_frame,
+    compute_cloth_pose,
+    compute_limb_frame,
 )
-from avrgym.tasks.experts.feedback import ToolTarget, funnel_standoff_m
+from avrgym.tasks.experts.feedback import ToolTarget, compute_funnel_standoff_m
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import TaskState
 
@@ -51,7 +51,7 @@ ELBOW_LIFT_HEIGHT_M = 0.03
 """Height of the cloth above the skin at the elbow."""
 MAX_ADVANCE_HEIGHT_M = 0.01
 """Maximum height above the skin at which the cloth moves along the arm."""
-MIN_SPEED_SHARE = 0.05
+MIN_SPEED_FRACTION = 0.05
 """Minimum speed of the cloth along the arm, divided by the full speed."""
 DEPTH_GAIN_M_PER_N = 0.0003
 """Change of the target's depth in one control step, per newton of force error."""
@@ -63,7 +63,7 @@ TARGET_HEIGHT_RANGE_M = (-0.03, 0.01)
 """Range of the height of the cloth's target above the skin; negative heights are below the skin."""
 
 
-def wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
+def compute_wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
     """Returns the next tool target: to the wrist on top of the arm, back to the shoulder on the outer side."""
     along, angle, above_m = _on_arm(state)
     away = above_m > APPROACH_HEIGHT_M
@@ -77,7 +77,7 @@ def wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -
         MAX_LOOKAHEAD_ANGLE_RAD,
     )
     advance = np.maximum(
-        np.clip(1.0 - above_m / MAX_ADVANCE_HEIGHT_M, MIN_SPEED_SHARE, 1.0), np.minimum(1.0, 3.0 * elbow)
+        np.clip(1.0 - above_m / MAX_ADVANCE_HEIGHT_M, MIN_SPEED_FRACTION, 1.0), np.minimum(1.0, 3.0 * elbow)
     )
     next_along = np.clip(along + (1.0 - 2.0 * back) * LOOKAHEAD_DISTANCE * advance, 0.0, 3.0)
     skin_w, q_w, out = _arm_pose(
@@ -87,11 +87,11 @@ def wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -
         DEPTH_GAIN_M_PER_N * (expert.TARGET_FORCE_N - state.tool_force_n), MIN_DEPTH_STEP_M, MAX_DEPTH_STEP_M
     )
     deeper = np.where(state.tool_force_n > 0.0, deeper, NO_CONTACT_DEPTH_STEP_M)
-    height = np.clip(((planner.pos_w - skin_w) * out).sum(axis=-1) - deeper, *TARGET_HEIGHT_RANGE_M)
+    height = np.clip(((planner.tool_pos_w - skin_w) * out).sum(axis=-1) - deeper, *TARGET_HEIGHT_RANGE_M)
     height = np.maximum(
         height, TARGET_HEIGHT_RANGE_M[0] + elbow * (ELBOW_LIFT_HEIGHT_M - TARGET_HEIGHT_RANGE_M[0])
     )
-    before = APPROACH_END_HEIGHT_M + funnel_standoff_m(
+    before = APPROACH_END_HEIGHT_M + compute_funnel_standoff_m(
         skin_w - state.tool_pos_w, out, APPROACH_END_HEIGHT_M, 4.0 * APPROACH_END_HEIGHT_M
     )
     speed = WIPE_SPEED_M_S * np.clip(2.0 - state.tool_force_n / MAX_FORCE_N, 0.2, 1.0)
@@ -110,18 +110,22 @@ def _on_arm(state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
     The angle is 0 at the arm's top and positive outwards.
     """
     worlds = len(state.tool_pos_w)
-    upper, lower = (limb_frame(state, np.full(worlds, limb)) for limb in (UPPER_ARM, FOREARM))
-    from_elbow = state.tool_pos_w - lower.start_w
-    limb = ((from_elbow * (upper.along_w + lower.along_w)).sum(axis=-1) > 0.0).astype(np.intp)
-    at = limb_frame(state, limb)
-    offset, length = state.tool_pos_w - at.start_w, at.length_m
-    far: FloatArray = (offset * at.along_w).sum(axis=-1)
-    angle = elementary.arctan2((offset * at.outwards_w).sum(axis=-1), (offset * at.up_w).sum(axis=-1))
+    upper, lower = (compute_limb_frame(state, np.full(worlds, limb)) for limb in (UPPER_ARM, FOREARM))
+    from_elbow = state.tool_pos_w - lower.shoulder_end_pos_w
+    limb = ((from_elbow * (upper.limb_direction_w + lower.limb_direction_w)).sum(axis=-1) > 0.0).astype(
+        np.intp
+    )
+    at = compute_limb_frame(state, limb)
+    offset, length = state.tool_pos_w - at.shoulder_end_pos_w, at.length_m
+    far: FloatArray = (offset * at.limb_direction_w).sum(axis=-1)
+    angle = elementary.arctan2(
+        (offset * at.outward_direction_w).sum(axis=-1), (offset * at.up_direction_w).sum(axis=-1)
+    )
     share = np.clip((far - LIMB_END_MARGIN_M) / (length - 2.0 * LIMB_END_MARGIN_M), 0.0, 1.0)
     to_elbow = np.where(limb == 0, length - far, far)
     past_end = np.clip(1.0 - to_elbow / LIMB_END_MARGIN_M, 0.0, 1.0)
     along = share + 2.0 * limb + 0.5 * past_end * (1.0 - 2.0 * limb)
-    return along, angle, norm(offset - far[:, None] * at.along_w) - at.radius_m
+    return along, angle, norm(offset - far[:, None] * at.limb_direction_w) - at.radius_m
 
 
 def _arm_pose(
@@ -130,7 +134,9 @@ def _arm_pose(
     """Returns cloth position (N, 3), rotation (N, 4) and skin normal (N, 3) at a position along the arm."""
     skin = np.zeros(len(along))
     (upper_w, upper_q_w), (lower_w, lower_q_w) = (
-        cloth_pose(state, np.full(len(along), limb), angle_rad, np.clip(along - 2.0 * limb, 0.0, 1.0), skin)
+        compute_cloth_pose(
+            state, np.full(len(along), limb), angle_rad, np.clip(along - 2.0 * limb, 0.0, 1.0), skin
+        )
         for limb in range(2)
     )
     part = np.clip(along - 1.0, 0.0, 1.0)[:, None]

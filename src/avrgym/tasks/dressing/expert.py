@@ -8,16 +8,16 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import constant_like, namespace
+from avrgym.geometry.arrays import constant_like, get_namespace
 from avrgym.geometry.transforms import norm
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import State
 from avrgym.tasks.dressing.reward import (
     DRESSED_SHOULDER_DISTANCE_M,
     ArmPath,
-    arm_path,
+    compute_arm_path,
+    find_nearest_path_point,
     is_dressed,
-    nearest_path_point,
 )
 from avrgym.tasks.experts.feedback import SPEED_GAIN_PER_S, TURN_SPEED_RAD_S, ToolTarget
 from avrgym.tasks.experts.motion_planner import MotionPlanner
@@ -41,7 +41,7 @@ MAX_CENTRED_OFFSET_M, LATERAL_GAIN = 0.03, 1.5
 At larger distances the opening waits in front of the hand. The distance of the opening from the hand increases by
 ``LATERAL_GAIN`` times the excess.
 """
-DRAW_SPEED_M_S, APPROACH_SPEED_M_S, MIN_SPEED_M_S = 0.12, 0.20, 0.02
+PULL_SPEED_M_S, APPROACH_SPEED_M_S, MIN_SPEED_M_S = 0.12, 0.20, 0.02
 COMFORTABLE_FORCE_N, MAX_FORCE_N = 3.0, 6.0
 """Range of the force on the person in which the speed of the tool decreases from full speed to zero.
 
@@ -59,33 +59,33 @@ The half of the opening that is not fixed to the hoop lags behind.
 """
 
 
-def sleeve_opening_rotation(scene: SceneConfig, along_w: FloatArray) -> FloatArray:
+def compute_sleeve_opening_quat_w(scene: SceneConfig, along_w: FloatArray) -> FloatArray:
     """Returns rotations (..., 4) of the opening for pulling directions (..., 3).
 
     The mount of the robot determines the side of the arm on which its hand is.
     """
-    xp = namespace(along_w)
+    xp = get_namespace(along_w)
     side = constant_like(
-        HAND_DIRECTION_FLOOR_W if scene.mount.on_floor else HAND_DIRECTION_MOUNTED_W, along_w
+        HAND_DIRECTION_FLOOR_W if scene.mount.is_on_floor else HAND_DIRECTION_MOUNTED_W, along_w
     )
     across = side - (side * along_w).sum(axis=-1)[..., None] * along_w
     x = -transforms.normalize(across)
     return transforms.from_matrix(xp.stack([x, along_w, transforms.cross(x, along_w)], axis=-1))
 
 
-def pulling_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
+def compute_pulling_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
     """Returns the next tool target: a motion of the opening along the arm.
 
     The tool stops if the arm is dressed. It moves back if the force is high or an obstacle blocks it.
     """
-    path = arm_path(state)
+    path = compute_arm_path(state)
     end_m = path.section_end_distance_m[:, 2] - DRESSED_SHOULDER_DISTANCE_M + SHOULDER_OVERSHOOT_M
-    here = nearest_path_point(planner.pos_w, path, extended=True)
-    beside_m = norm(planner.pos_w - here.pos_w)
+    here = find_nearest_path_point(planner.tool_pos_w, path, extended=True)
+    beside_m = norm(planner.tool_pos_w - here.pos_w)
     wait_m = -BEND_TRANSITION_DISTANCE_M - LATERAL_GAIN * np.maximum(beside_m - MAX_CENTRED_OFFSET_M, 0.0)
     before = here.path_distance_m < 0.0
     limit_m = np.where(before & (beside_m > MAX_CENTRED_OFFSET_M), wait_m, end_m)
-    lag_m = norm(state.tool_pos_w - planner.pos_w)
+    lag_m = norm(state.tool_pos_w - planner.tool_pos_w)
     free_share = np.minimum(
         (MAX_FORCE_N - state.total_force_n) / (MAX_FORCE_N - COMFORTABLE_FORCE_N),
         (MAX_LAG_M - lag_m) / (MAX_LAG_M - FREE_LAG_M),
@@ -99,10 +99,10 @@ def pulling_target(state: State, task_state: TaskState, planner: MotionPlanner) 
     place_w, _ = _path_point(path, ahead_m)
     _, along_w = _path_point(path, here.path_distance_m)
     share = np.minimum(np.abs(free_share), 1.0)
-    drawn = np.minimum(DRAW_SPEED_M_S, SPEED_GAIN_PER_S * np.abs(end_m - here.path_distance_m))
+    drawn = np.minimum(PULL_SPEED_M_S, SPEED_GAIN_PER_S * np.abs(end_m - here.path_distance_m))
     speed = share * np.where(before, APPROACH_SPEED_M_S, np.maximum(drawn, MIN_SPEED_M_S))
     stays = is_dressed(task_state) & ~backs
-    q_w = np.where(stays[:, None], planner.q_w, sleeve_opening_rotation(planner.scene, along_w))
+    q_w = np.where(stays[:, None], planner.tool_quat_w, compute_sleeve_opening_quat_w(planner.scene, along_w))
     return place_w, q_w, np.where(stays, 0.0, speed)
 
 
@@ -135,6 +135,6 @@ class DressingExpert:
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Returns the actions (N, A) of the next control step."""
-        state, task_state = self._episodes.state(), self._episodes.task_state
-        pos_w, q_w, speed = pulling_target(state, task_state, self._planner)
-        return self._planner.action_to_pose(pos_w, q_w, speed, TURN_SPEED_RAD_S)
+        state, task_state = self._episodes.get_state(), self._episodes.task_state
+        pos_w, q_w, speed = compute_pulling_target(state, task_state, self._planner)
+        return self._planner.compute_action_to_pose(pos_w, q_w, speed, TURN_SPEED_RAD_S)

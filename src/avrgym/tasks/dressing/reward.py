@@ -13,13 +13,13 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import elementary, transforms
-from avrgym.geometry.arrays import constant_like, namespace, row_indices
+from avrgym.geometry.arrays import constant_like, get_namespace, make_row_indices
 from avrgym.geometry.transforms import norm
 from avrgym.models import human
 from avrgym.models.human import People
 from avrgym.models.sleeve import VERTICES_PER_RING
 from avrgym.simulation.worlds import State
-from avrgym.tasks.person import force_above_limit
+from avrgym.tasks.person import zero_comfortable_forces
 from avrgym.tasks.task import StepResult
 
 DRESSED_SHOULDER_DISTANCE_M = 0.12
@@ -32,7 +32,7 @@ joint.
 ARM_POINTS = ("wrist", "elbow", "shoulder")
 """Names of the points of the arm that the sleeve's opening passes, in this order."""
 
-WEIGHTS: Mapping[str, float] = {
+REWARD_WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
     "action_squared": -0.01,
     "newly_dressed_m": 200.0,
@@ -46,7 +46,7 @@ for a fully dressed arm is about 100.
 """
 
 _GEOMS = list(human.GEOMS)
-HAND_GEOM, FOREARM_GEOM, UPPER_ARM_GEOM = (
+HAND_GEOM_INDEX, FOREARM_GEOM_INDEX, UPPER_ARM_GEOM_INDEX = (
     _GEOMS.index(name) for name in ("left_hand", "left_forearm", "left_upper_arm")
 )
 
@@ -103,9 +103,9 @@ class SleeveOpening(NamedTuple):
     is_around_arm: BoolArray
 
 
-def init_state(people: People, uniforms: FloatArray) -> DressingState:
+def make_initial_task_state(people: People, uniforms: FloatArray) -> DressingState:
     """Returns the initial task state of N worlds: no part of the arm is in the sleeve."""
-    xp, first = namespace(uniforms), uniforms[:, 0]
+    xp, first = get_namespace(uniforms), uniforms[:, 0]
     return DressingState(xp.zeros_like(first), xp.zeros_like(xp.astype(first, xp.int64)))
 
 
@@ -113,7 +113,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: DressingState) -
     """Returns the result of a step. The force elsewhere (not at the target) is the force of the robot's links and of
     the hoop on the person.
     """
-    xp, path = namespace(state.tool_pos_w), arm_path(state)
+    xp, path = get_namespace(state.tool_pos_w), compute_arm_path(state)
     opening = locate_opening(state, path)
     dressed_m = xp.where(opening.is_around_arm, opening.path_distance_m, 0.0)
     most_m = xp.maximum(dressed_m, task_state.dressed_m)
@@ -133,7 +133,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: DressingState) -
         "tool_speed_m_s": norm(state.tool_velocity_w),
         "force_elsewhere_n": xp.maximum(state.total_force_n - state.cloth_force_n, 0.0),
         "cloth_force_n": state.cloth_force_n,
-        "strong_cloth_force_n": force_above_limit(state.cloth_force_n),
+        "strong_cloth_force_n": zero_comfortable_forces(state.cloth_force_n),
     }
     nothing = xp.zeros((len(distance_m), 0), dtype=xp.bool, device=distance_m.device)
     after = DressingState(most_m, passed)
@@ -147,15 +147,15 @@ def is_dressed(task_state: DressingState) -> BoolArray:
     return task_state.passed == len(ARM_POINTS)
 
 
-def arm_path(state: State) -> ArmPath:
+def compute_arm_path(state: State) -> ArmPath:
     """Returns the paths along the left arms of N people, world frame."""
-    segments_w, xp = state.person_segment_w, namespace(state.person_segment_w)
+    segments_w, xp = state.person_capsule_ends_w, get_namespace(state.person_capsule_ends_w)
     points_w = xp.stack(
         [
-            segments_w[:, HAND_GEOM, 0],
-            segments_w[:, FOREARM_GEOM, 0],
-            segments_w[:, UPPER_ARM_GEOM, 0],
-            segments_w[:, UPPER_ARM_GEOM, 1],
+            segments_w[:, HAND_GEOM_INDEX, 0],
+            segments_w[:, FOREARM_GEOM_INDEX, 0],
+            segments_w[:, UPPER_ARM_GEOM_INDEX, 0],
+            segments_w[:, UPPER_ARM_GEOM_INDEX, 1],
         ],
         axis=1,
     )
@@ -170,25 +170,25 @@ def locate_opening(state: State, path: ArmPath) -> SleeveOpening:
     """Returns the position of the openings relative to the nearest sections of the arms."""
     rim_w = state.cloth_pos_w[:, :VERTICES_PER_RING]
     centre_w = rim_w.mean(axis=1)
-    nearest = nearest_path_point(centre_w, path)
-    axis_w = path.section_direction_w[row_indices(nearest.section_index), nearest.section_index]
+    nearest = find_nearest_path_point(centre_w, path)
+    axis_w = path.section_direction_w[make_row_indices(nearest.section_index), nearest.section_index]
     ahead_m = ((centre_w - path.section_start_w[:, 0]) * path.section_direction_w[:, 0]).sum(axis=-1)
     around = is_rim_around_axis(rim_w, nearest.pos_w, axis_w) & (ahead_m > 0.0)
     return SleeveOpening(centre_w, nearest.section_index, nearest.path_distance_m, around)
 
 
-def nearest_path_point(pos_w: FloatArray, path: ArmPath, *, extended: bool = False) -> NearestPathPoint:
+def find_nearest_path_point(pos_w: FloatArray, path: ArmPath, *, extended: bool = False) -> NearestPathPoint:
     """Returns the points of the paths that are nearest to positions (N, 3).
 
     If ``extended`` is true, the first section is extended in front of the hand.
     """
-    xp = namespace(pos_w)
+    xp = get_namespace(pos_w)
     ahead_m = ((pos_w[:, None] - path.section_start_w) * path.section_direction_w).sum(axis=-1)
     lowest = constant_like(np.array([-np.inf if extended else 0.0, 0.0, 0.0]), pos_w)
     inside_m = xp.minimum(xp.maximum(ahead_m, lowest), path.length_m)
     points_w = path.section_start_w + inside_m[..., None] * path.section_direction_w
     section = norm(pos_w[:, None] - points_w).argmin(axis=-1)
-    row = row_indices(section)
+    row = make_row_indices(section)
     at_m = path.section_end_distance_m[row, section] - path.length_m[row, section] + inside_m[row, section]
     return NearestPathPoint(points_w[row, section], section, at_m)
 
@@ -198,7 +198,7 @@ def is_rim_around_axis(rim_w: FloatArray, point_w: FloatArray, axis_w: FloatArra
 
     Each axis is given by a point (N, 3) and a unit direction (N, 3).
     """
-    xp, offset = namespace(rim_w), rim_w - point_w[:, None]
+    xp, offset = get_namespace(rim_w), rim_w - point_w[:, None]
     across = offset[:, 0] - (offset[:, 0] * axis_w).sum(axis=-1)[:, None] * axis_w
     first = across / xp.maximum(norm(across), 1e-9)[:, None]
     second = transforms.cross(axis_w, first)

@@ -10,7 +10,7 @@ from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.cup import DEFAULT_CUP_SHAPE, CupShape
 from avrgym.simulation.worlds import State
-from avrgym.tasks.experts.head_clearance import clearance_shift_m, direction_into_face
+from avrgym.tasks.experts.head_clearance import compute_clearance_shift_m, compute_direction_into_face_w
 from avrgym.tasks.experts.motion_planner import COLLISION_COST_S, MotionPlanner
 from avrgym.tasks.task import RunningEpisodes
 
@@ -65,21 +65,21 @@ class DrinkingExpert:
         self._planner = MotionPlanner(episodes)
         count = self._episodes.simulation.num_worlds
         self._tilt_rad, self._arrived = np.full(count, CARRY_TILT_RAD), np.zeros(count, dtype=bool)
-        self._way, self._before = self._plan(self._episodes.state())
+        self._way, self._before = self._plan(self._episodes.get_state())
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Returns the actions (N, A) of the next control step."""
-        state, planner = self._episodes.state(), self._planner
-        self._arrived |= planner.joint_distance_rad(self._before) < ARRIVAL_TOLERANCE_RAD
-        swing = planner.step_in_joint_space(self._before, CARRY_SPEED_M_S, CARRY_TILT_RAD)
-        pos_w, q_w = cup_pose_at_mouth(state, self._way, self._tilt_rad, self._cup)
-        near = self._arrived & (norm(pos_w - planner.pos_w) < TILT_START_DISTANCE_M)
+        state, planner = self._episodes.get_state(), self._planner
+        self._arrived |= planner.compute_max_joint_distance_rad(self._before) < ARRIVAL_TOLERANCE_RAD
+        swing = planner.plan_joint_space_step(self._before, CARRY_SPEED_M_S, CARRY_TILT_RAD)
+        pos_w, q_w = compute_cup_pose_at_mouth(state, self._way, self._tilt_rad, self._cup)
+        near = self._arrived & (norm(pos_w - planner.tool_pos_w) < TILT_START_DISTANCE_M)
         rate = np.where(self._tilt_rad < POUR_START_TILT_RAD, TURN_SPEED_RAD_S, POUR_SPEED_RAD_S)
         self._tilt_rad = np.minimum(
             self._tilt_rad + np.where(near, planner.scene.control_step_s * rate, 0.0), EMPTY_CUP_TILT_RAD
         )
-        into = planner.step_on_line(pos_w, q_w, APPROACH_SPEED_M_S, TURN_SPEED_RAD_S)
-        return planner.action_to_joint_positions(np.where(self._arrived[:, None], into, swing))
+        into = planner.plan_straight_line_step(pos_w, q_w, APPROACH_SPEED_M_S, TURN_SPEED_RAD_S)
+        return planner.compute_action_to_joint_positions(np.where(self._arrived[:, None], into, swing))
 
     def _plan(self, state: State) -> tuple[Approach, FloatArray]:
         """Select approaches that are fast and bring the rim near the mouth.
@@ -95,10 +95,12 @@ class DrinkingExpert:
 
     def _try(self, state: State, approach: Approach) -> tuple[FloatArray, FloatArray]:
         """Returns the cost (N,) of an approach in seconds, and the joint positions (N, J) at its start."""
-        pos_w, q_w = cup_pose_at_mouth(
+        pos_w, q_w = compute_cup_pose_at_mouth(
             state, approach, np.full_like(approach.roll_rad, CARRY_TILT_RAD), self._cup
         )
-        before_w = pos_w - STANDOFF_M * transforms.rotate(approach_heading_q_w(state, approach), FORWARD)
+        before_w = pos_w - STANDOFF_M * transforms.rotate(
+            compute_approach_heading_quat_w(state, approach), FORWARD
+        )
         angles, seconds = (
             part[:, 0]
             for part in self._planner.find_joint_positions(before_w[:, None], q_w[:, None], CARRY_TILT_RAD)
@@ -109,15 +111,15 @@ class DrinkingExpert:
         """Returns the cost (N,) of small clearances during the tilt, and of the distance between rim and mouth."""
         gap_m = np.full(len(joint_positions), np.inf)
         poses = [
-            cup_pose_at_mouth(state, approach, np.full_like(approach.roll_rad, tilt), self._cup)
+            compute_cup_pose_at_mouth(state, approach, np.full_like(approach.roll_rad, tilt), self._cup)
             for tilt in TILTS_RAD.tolist()
         ]
         for pos_w, q_w in poses:
             joint_positions = self._planner.solve_inverse_kinematics(pos_w, q_w, joint_positions)
-            gap = self._planner.clearance_m(joint_positions[:, None], state, tool=False)[:, 0]
+            gap = self._planner.compute_clearance_m(joint_positions[:, None], state, tool=False)[:, 0]
             gap_m = np.minimum(gap_m, gap)
         pos_w, q_w = poses[-1]
-        reached_w, _ = self._planner.tool_pose(joint_positions)
+        reached_w, _ = self._planner.compute_tool_pose(joint_positions)
         distance = norm(_edge_w(pos_w, q_w, approach, self._cup) - state.mouth_pos_w) + norm(
             pos_w - reached_w
         )
@@ -126,26 +128,26 @@ class DrinkingExpert:
         )
 
 
-def clipped_cup_tilt_rad(q_w: FloatArray) -> FloatArray:
+def compute_clipped_cup_tilt_rad(q_w: FloatArray) -> FloatArray:
     """Returns the tilt (N,) of cups with rotations (N, 4), at least ``CARRY_TILT_RAD``."""
     z_w = transforms.rotate(q_w, UP)[:, 2]
     return np.maximum(elementary.arccos(np.clip(z_w, -1.0, 1.0)), CARRY_TILT_RAD)
 
 
-def approach_heading_q_w(state: State, approach: Approach) -> FloatArray:
+def compute_approach_heading_quat_w(state: State, approach: Approach) -> FloatArray:
     """Returns the rotation (N, 4) of an upright cup. Its x axis is the heading of the approach."""
-    into = direction_into_face(state)
+    into = compute_direction_into_face_w(state)
     return transforms.from_axis_angle(UP, elementary.arctan2(into[:, 1], into[:, 0]) + approach.yaw_rad)
 
 
-def cup_pose_at_mouth(
+def compute_cup_pose_at_mouth(
     state: State, approach: Approach, tilt_rad: FloatArray, cup: CupShape = DEFAULT_CUP_SHAPE
 ) -> tuple[FloatArray, FloatArray]:
     """Returns the cup pose, (N, 3) and (N, 4), at a tilt.
 
     The pouring edge is at the lips. If this pose would cause contact, the cup is farther away.
     """
-    yaw = approach_heading_q_w(state, approach)
+    yaw = compute_approach_heading_quat_w(state, approach)
     tilt = transforms.from_axis_angle([0.0, 1.0, 0.0], tilt_rad)
     roll = transforms.from_axis_angle(UP, approach.roll_rad)
     q_w = transforms.multiply(transforms.multiply(yaw, tilt), roll)
@@ -153,7 +155,7 @@ def cup_pose_at_mouth(
     lips_w = state.mouth_pos_w + POUR_FORWARD_OFFSET_M * back + POUR_UPWARD_OFFSET_M * UP
     pos_w = lips_w - _edge_w(np.zeros(3), q_w, approach, cup)
     rim_w = pos_w[:, None] + transforms.rotate(q_w[:, None], _rim(cup))
-    return pos_w + clearance_shift_m(rim_w, back, state, CLEARANCE_M)[:, None] * back, q_w
+    return pos_w + compute_clearance_shift_m(rim_w, back, state, CLEARANCE_M)[:, None] * back, q_w
 
 
 @cache

@@ -28,9 +28,9 @@ from avrgym.tasks.experts.feedback import (
     SPEED_GAIN_PER_S,
     TURN_SPEED_RAD_S,
     FeedbackPlanner,
-    funnel_standoff_m,
+    compute_funnel_standoff_m,
 )
-from avrgym.tasks.experts.head_clearance import direction_into_face
+from avrgym.tasks.experts.head_clearance import compute_direction_into_face_w
 from avrgym.tasks.particles import count_events
 from avrgym.tasks.task import RunningEpisodes
 
@@ -82,7 +82,7 @@ MIN_MIDPLANE_DISTANCE_M = 0.01
 """Minimum distance of the cup from the mid-plane of the head."""
 MAX_LIP_OFFSET_M = 0.04
 """Maximum lateral offset of the cup from the lips."""
-ROTATION_COMPENSATION_SHARE = 0.7
+ROTATION_COMPENSATION_FRACTION = 0.7
 """Share of the lateral offset that a rotation of the cup compensates."""
 FACING_CUP_YAW_RAD = float(np.radians(8.0))
 """Yaw, to the left, of a face that looks at the cup."""
@@ -97,12 +97,12 @@ class DrinkingMemoryExpert:
         """Start with the current poses of the cups and the people."""
         self._cup = cup
         self._episodes, self._planner = episodes, FeedbackPlanner(episodes)
-        state = episodes.state()
+        state = episodes.get_state()
         self._mouth_w, self._first_turn_rad = state.mouth_pos_w, _turn_rad(state)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Returns the actions (N, A) of the next control step."""
-        planner, state = self._planner, self._episodes.state()
+        planner, state = self._planner, self._episodes.get_state()
         planner.reset_preferred_posture()
         rests = (
             norm(state.mouth_pos_w - self._mouth_w)
@@ -119,31 +119,33 @@ class DrinkingMemoryExpert:
     def _bring(self, state: State, rests: BoolArray, away: BoolArray) -> FloatArray:
         planner, cup = self._planner, self._cup
         way = _way(np.full(len(rests), DEFAULT_LATERAL_OFFSET_M), cup)
-        tilt = expert.clipped_cup_tilt_rad(planner.q_w)
-        at_lips_w, _ = expert.cup_pose_at_mouth(state, way, tilt, cup)
+        tilt = expert.compute_clipped_cup_tilt_rad(planner.tool_quat_w)
+        at_lips_w, _ = expert.compute_cup_pose_at_mouth(state, way, tilt, cup)
         left = _to_the_left(state)
-        aside_m = _aside_m(state, left, planner.pos_w, at_lips_w)
+        aside_m = _aside_m(state, left, planner.tool_pos_w, at_lips_w)
         turned_m = np.clip(
-            DEFAULT_LATERAL_OFFSET_M + ROTATION_COMPENSATION_SHARE * aside_m,
+            DEFAULT_LATERAL_OFFSET_M + ROTATION_COMPENSATION_FRACTION * aside_m,
             -MAX_LATERAL_OFFSET_M,
             MAX_LATERAL_OFFSET_M,
         )
         way = _way(turned_m, cup)
-        at_lips_w, _ = expert.cup_pose_at_mouth(state, way, tilt, cup)
+        at_lips_w, _ = expert.compute_cup_pose_at_mouth(state, way, tilt, cup)
         aside = (DEFAULT_LATERAL_OFFSET_M + aside_m - turned_m)[:, None] * left
-        offset = at_lips_w + aside - planner.pos_w
+        offset = at_lips_w + aside - planner.tool_pos_w
         pours_rad = POUR_TILT_RAD - TILT_PER_PARTICLE_RAD * count_events(is_in_cup(state, cup))
         tilt = _next_tilt_rad(planner.scene.control_step_s, tilt, pours_rad, norm(offset), rests, away)
-        goal_w, q_w = expert.cup_pose_at_mouth(state, way, np.minimum(tilt, expert.EMPTY_CUP_TILT_RAD), cup)
-        into = transforms.rotate(expert.approach_heading_q_w(state, way), expert.FORWARD)
-        back_m = funnel_standoff_m(offset, into, 0.01, expert.STANDOFF_M) + np.where(
+        goal_w, q_w = expert.compute_cup_pose_at_mouth(
+            state, way, np.minimum(tilt, expert.EMPTY_CUP_TILT_RAD), cup
+        )
+        into = transforms.rotate(expert.compute_approach_heading_quat_w(state, way), expert.FORWARD)
+        back_m = compute_funnel_standoff_m(offset, into, 0.01, expert.STANDOFF_M) + np.where(
             away, WAITING_STANDOFF_M, 0.0
         )
         goal_w = goal_w + aside - back_m[:, None] * into
-        too_far = ((goal_w - planner.pos_w) * into).sum(axis=-1) < -MAX_GOAL_OVERSHOOT_M
+        too_far = ((goal_w - planner.tool_pos_w) * into).sum(axis=-1) < -MAX_GOAL_OVERSHOOT_M
         slowest = np.where(too_far, MIN_RETREAT_SPEED_M_S, MIN_SPEED_M_S)
         speed = np.clip(SPEED_GAIN_PER_S * norm(offset), slowest, MAX_SPEED_M_S)
-        return planner.action_to_pose(goal_w, q_w, speed, TURN_SPEED_RAD_S)
+        return planner.compute_action_to_pose(goal_w, q_w, speed, TURN_SPEED_RAD_S)
 
 
 def _way(left_m: FloatArray, cup: CupShape = DEFAULT_CUP_SHAPE) -> Approach:
@@ -178,7 +180,7 @@ def _next_tilt_rad(
 
 def _to_the_left(state: State) -> FloatArray:
     """Returns the direction (N, 3) from the right to the left shoulder."""
-    shoulders_w = state.person_segment_w[:, [_RIGHT, _LEFT]].mean(axis=2)
+    shoulders_w = state.person_capsule_ends_w[:, [_RIGHT, _LEFT]].mean(axis=2)
     return transforms.normalize(shoulders_w[:, 1] - shoulders_w[:, 0])
 
 
@@ -186,7 +188,7 @@ def _turn_rad(state: State) -> FloatArray:
     """Returns the yaw angle (N,) of faces in radians. It is 0 for a face that looks at the cup, and positive to the
     left.
     """
-    into, left = direction_into_face(state), _to_the_left(state)
+    into, left = compute_direction_into_face_w(state), _to_the_left(state)
     turn_rad = elementary.arctan2(
         -(into * left).sum(axis=-1), (into * transforms.cross(expert.UP, left)).sum(axis=-1)
     )
@@ -206,7 +208,7 @@ def _turned(state: State, angle_rad: FloatArray) -> State:
     """Returns the state with heads turned about the vertical by angles (N,)."""
     turn = transforms.from_axis_angle(expert.UP, angle_rad)
     mouth_w = state.head_pos_w + transforms.rotate(turn, state.mouth_pos_w - state.head_pos_w)
-    return replace(state, mouth_pos_w=mouth_w, head_q_w=transforms.multiply(turn, state.head_q_w))
+    return replace(state, mouth_pos_w=mouth_w, head_quat_w=transforms.multiply(turn, state.head_quat_w))
 
 
 def _aside_m(state: State, left: FloatArray, tool_w: FloatArray, at_lips_w: FloatArray) -> FloatArray:

@@ -15,37 +15,37 @@ from avrgym.models.tools import Tool
 from avrgym.simulation.worlds import InitialState
 from avrgym.tasks import placement
 from avrgym.tasks.drinking.expert import DrinkingExpert
-from avrgym.tasks.drinking.feedback_expert import drinking_target
+from avrgym.tasks.drinking.feedback_expert import compute_drinking_target
 from avrgym.tasks.drinking.memory_expert import DrinkingMemoryExpert
-from avrgym.tasks.drinking.reward import WEIGHTS, evaluate_step, init_state
+from avrgym.tasks.drinking.reward import REWARD_WEIGHTS, evaluate_step, make_initial_task_state
 from avrgym.tasks.experts.feedback import FeedbackExpert
-from avrgym.tasks.observation import make_mouth_task_observation
+from avrgym.tasks.observation import make_mouth_task_observation_spec
 from avrgym.tasks.person import TURNED_HEAD_POSE
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
-from avrgym.tasks.task import WHEELCHAIR_SIDE_VIEW, Task, View, Views
+from avrgym.tasks.task import WHEELCHAIR_SIDE_CAMERA_VIEW, CameraView, CameraViews, Task
 
-HAND_START_POS_W = (-0.2, -0.5, 1.0)
-MAX_START_HAND_OFFSET_M = 0.05
-CUP_START_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
+INITIAL_HAND_POS_W = (-0.2, -0.5, 1.0)
+MAX_INITIAL_HAND_OFFSET_M = 0.05
+INITIAL_CUP_QUAT_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 """Initial rotation of the cup: upright, the pouring edge towards the person."""
 
 
-def scene(robot: Robot, tool: Tool = CUP) -> SceneConfig:
+def make_scene(robot: Robot, tool: Tool = CUP) -> SceneConfig:
     """Returns the scene: a wheelchair; the robot's right arm holds the cup."""
-    return placement.wheelchair_scene(robot, "right", tool, (0.2, 0.2))
+    return placement.make_wheelchair_scene(robot, "right", tool, (0.2, 0.2))
 
 
-def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> InitialState:
+def sample_initial_states(scene: SceneConfig, people: People, uniforms: FloatArray) -> InitialState:
     """Returns initial states with the robot's hand within ±5 cm of a point in front of the person.
 
     The cup is upright.
     """
-    hand = constant_like(np.array(HAND_START_POS_W), uniforms) + MAX_START_HAND_OFFSET_M * (
+    hand = constant_like(np.array(INITIAL_HAND_POS_W), uniforms) + MAX_INITIAL_HAND_OFFSET_M * (
         2.0 * uniforms[:, 0:3] - 1.0
     )
-    tool, upright = placement.tool_pose_in_hand(scene, hand, CUP_START_Q_W)
-    mouth, _ = placement.mouth_poses(people)
-    return placement.find_start(
+    tool, upright = placement.compute_tool_pose_in_hand(scene, hand, INITIAL_CUP_QUAT_W)
+    mouth, _ = placement.compute_mouth_poses(people)
+    return placement.find_initial_state(
         scene, people, {}, tool, upright, mouth[:, None], upright[:, None], uniforms[:, 3:]
     )
 
@@ -57,25 +57,25 @@ def make_drinking_task(settings: Settings = DEFAULT_SETTINGS) -> Task:
     shape = CUP_SHAPES[name]
     return Task(
         name="Drinking",
-        goal="Drink the water from the cup.",
-        pose=TURNED_HEAD_POSE,
-        offered="mouth",
-        scene=partial(scene, tool=tool),
-        num_uniforms=3 + placement.NUM_UNIFORMS,
-        start=start,
-        init_state=partial(init_state, particles=particles),
-        observation=make_mouth_task_observation,
-        weights=WEIGHTS,
+        goal_description="Drink the water from the cup.",
+        pose_distribution=TURNED_HEAD_POSE,
+        offered_body_part="mouth",
+        make_scene=partial(make_scene, tool=tool),
+        num_random_numbers=3 + placement.NUM_RANDOM_NUMBERS,
+        sample_initial_states=sample_initial_states,
+        make_initial_task_state=partial(make_initial_task_state, particles=particles),
+        make_observation_spec=make_mouth_task_observation_spec,
+        reward_weights=REWARD_WEIGHTS,
         evaluate_step=partial(evaluate_step, cup=shape),
         expert=partial(DrinkingExpert, cup=shape),
-        feedback_expert=partial(FeedbackExpert, target=partial(drinking_target, cup=shape)),
+        feedback_expert=partial(FeedbackExpert, target=partial(compute_drinking_target, cup=shape)),
         memory_expert=partial(DrinkingMemoryExpert, cup=shape),
-        views=Views(
-            mounted=View((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),
-            on_floor=WHEELCHAIR_SIDE_VIEW,
+        camera_views=CameraViews(
+            mounted_robot_view=CameraView((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),
+            floor_robot_view=WHEELCHAIR_SIDE_CAMERA_VIEW,
         ),
-        withdraws_after_success=True,
-        variant=make_drinking_task,
+        withdraws_tool_after_success=True,
+        make_variant=make_drinking_task,
     )
 
 

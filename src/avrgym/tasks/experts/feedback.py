@@ -18,7 +18,7 @@ SPEED_GAIN_PER_S = 2.0
 """Approach speed of the tool in m/s, per metre of distance from the goal."""
 STANDOFF_PER_OFFSET = 2.0
 """Standoff from the goal, per metre of lateral offset that exceeds the free offset."""
-AVOIDED_JOINT_RANGE_SHARE = 0.35
+AVOIDED_JOINT_RANGE_FRACTION = 0.35
 """Share of a joint's range at each end that the preferred posture avoids."""
 
 
@@ -33,7 +33,7 @@ class FeedbackPlanner(MotionPlanner):
         """Start with the current joint positions of the robots."""
         super().__init__(episodes)
         lower, upper = self._chain.lower_limit, self._chain.upper_limit
-        ends = AVOIDED_JOINT_RANGE_SHARE * (upper - lower)
+        ends = AVOIDED_JOINT_RANGE_FRACTION * (upper - lower)
         self._middle = lower + ends, upper - ends
 
     def reset_preferred_posture(self) -> None:
@@ -42,7 +42,7 @@ class FeedbackPlanner(MotionPlanner):
         self.preferred_posture = np.clip(self.joint_positions, *self._middle)
 
     def _update(self) -> None:
-        self._continue_from(self._simulation.joint_positions())
+        self._continue_from(self._simulation.get_joint_positions())
 
 
 class FeedbackExpert:
@@ -58,21 +58,23 @@ class FeedbackExpert:
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Returns the actions (N, A) of the next control step."""
         self._planner.reset_preferred_posture()
-        state, task_state = self._episodes.state(), self._episodes.task_state
+        state, task_state = self._episodes.get_state(), self._episodes.task_state
         pos_w, q_w, speed = self._target(state, task_state, self._planner)
-        return self._planner.action_to_pose(pos_w, q_w, speed, TURN_SPEED_RAD_S)
+        return self._planner.compute_action_to_pose(pos_w, q_w, speed, TURN_SPEED_RAD_S)
 
 
-def funnel_standoff_m(offset: FloatArray, axis: FloatArray, free_m: float, max_m: float) -> FloatArray:
-    """Returns the standoff (N,) from the goal along ``axis`` (N, 3), in metres; see ``standoff_for_offset_m``.
+def compute_funnel_standoff_m(
+    offset: FloatArray, axis: FloatArray, free_m: float, max_m: float
+) -> FloatArray:
+    """Returns the standoff (N,) from the goal along ``axis`` (N, 3), in metres; see ``compute_standoff_m``.
 
     ``offset`` (N, 3) is the vector from tool to goal. The lateral offset is the part of it that is perpendicular to
     ``axis``.
     """
-    return standoff_for_offset_m(norm(offset - (offset * axis).sum(axis=-1)[:, None] * axis), free_m, max_m)
+    return compute_standoff_m(norm(offset - (offset * axis).sum(axis=-1)[:, None] * axis), free_m, max_m)
 
 
-def standoff_for_offset_m(lateral_offset_m: FloatArray, free_m: float, max_m: float) -> FloatArray:
+def compute_standoff_m(lateral_offset_m: FloatArray, free_m: float, max_m: float) -> FloatArray:
     """Returns the standoff (N,) from the goal in metres, for lateral offsets (N,) in metres.
 
     The standoff is 0 for offsets up to ``free_m``. For larger offsets it increases linearly, to at most ``max_m``.
@@ -80,6 +82,6 @@ def standoff_for_offset_m(lateral_offset_m: FloatArray, free_m: float, max_m: fl
     return np.clip(STANDOFF_PER_OFFSET * (lateral_offset_m - free_m), 0.0, max_m)
 
 
-def speed_m_s(offset: FloatArray, slowest_m_s: float) -> FloatArray:
+def compute_tool_speed_m_s(offset: FloatArray, slowest_m_s: float) -> FloatArray:
     """Returns the tool speed (N,) for vectors (N, 3) from the tool to the goal."""
     return np.clip(SPEED_GAIN_PER_S * norm(offset), slowest_m_s, MAX_SPEED_M_S)

@@ -10,13 +10,13 @@ from avrgym.simulation.worlds import State
 HEAD_GEOM_INDICES = [list(GEOMS).index(name) for name in ("jaw", "cranium")]
 
 
-def direction_into_face(state: State) -> FloatArray:
+def compute_direction_into_face_w(state: State) -> FloatArray:
     """Returns the horizontal direction (N, 3) from the front into the face, in the world frame."""
-    into = transforms.rotate(state.head_q_w, [0.0, 1.0, 0.0])
+    into = transforms.rotate(state.head_quat_w, [0.0, 1.0, 0.0])
     return transforms.normalize(into * [1.0, 1.0, 0.0])
 
 
-def clearance_shift_m(
+def compute_clearance_shift_m(
     points_w: FloatArray, out: FloatArray, state: State, clearance_m: FloatArray | float
 ) -> FloatArray:
     """Returns the shift (N,) of points (N, P, 3) along ``out`` (N, 3), in metres.
@@ -24,7 +24,7 @@ def clearance_shift_m(
     After the shift, the distance of all points from the head is at least ``clearance_m`` (N,).
     """
     radius = state.person_radius_m[:, HEAD_GEOM_INDICES] + np.asarray(clearance_m)[..., None]
-    offset = points_w[:, None] - state.person_segment_w[:, HEAD_GEOM_INDICES, :1]
+    offset = points_w[:, None] - state.person_capsule_ends_w[:, HEAD_GEOM_INDICES, :1]
     along = (offset * out[:, None, None]).sum(axis=-1)
     reach = along**2 - (offset * offset).sum(axis=-1) + radius[..., None] ** 2
     way = np.where(reach > 0.0, np.sqrt(np.maximum(reach, 0.0)) - along, 0.0)

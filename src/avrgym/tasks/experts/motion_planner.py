@@ -11,10 +11,10 @@ from avrgym.tasks.robot_clearance import RobotClearance
 from avrgym.tasks.task import RunningEpisodes
 
 IK_ITERATIONS = 8
-POSTURE_STEP_SHARE = 0.1
+POSTURE_STEP_FRACTION = 0.1
 """Share of the joint distance to the preferred posture that the arm covers in one control step."""
 
-IK_STARTS, MAX_IK_START_OFFSET_RAD = 12, 1.5
+NUM_IK_STARTS, MAX_IK_START_OFFSET_RAD = 12, 1.5
 """Number of start poses of the inverse kinematics, and maximum offset of each joint from the current pose.
 
 The first start pose is the current pose. The others are random poses around it.
@@ -22,7 +22,7 @@ The first start pose is the current pose. The others are random poses around it.
 CHECKED_IK_SOLUTIONS = 8
 """Number of solutions for each tool pose that are checked for collisions."""
 CHECKED_PATH_FRACTIONS = (0.2, 0.4, 0.6, 0.8, 1.0)
-COLLISION_COST_S, TILT_COST_S_RAD, COLLISION_MARGIN_M = 20.0, 20.0, 0.03
+COLLISION_COST_S, TILT_COST_S_PER_RAD, COLLISION_MARGIN_M = 20.0, 20.0, 0.03
 """Cost of a collision in seconds, and cost of tool tilt in seconds per radian. The collision cost begins at the
 distance ``COLLISION_MARGIN_M``.
 """
@@ -36,11 +36,11 @@ class MotionPlanner:
     """Plans the motion of the robots' arms in N worlds, one control step at a time.
 
     Plans continue from the servo targets. The lag of the servos therefore does not slow the tool down. For a driving
-    robot, the first of the J joints is the travel of its base, see ``placement.planning_chain``.
+    robot, the first of the J joints is the travel of its base, see ``placement.make_planning_chain``.
 
     Attributes:
         joint_positions: planned joint positions (N, J).
-        pos_w, q_w: tool pose at these positions, (N, 3) and (N, 4).
+        tool_pos_w, tool_quat_w: tool pose at these positions, (N, 3) and (N, 4).
         preferred_posture: preferred posture (N, J), initially the start positions. It determines the motion in the
             arm's null space.
         scene: the scene of all worlds.
@@ -50,18 +50,18 @@ class MotionPlanner:
         """Start with the current joint positions of the robots."""
         self._episodes, self._simulation = episodes, episodes.simulation
         self.scene = episodes.scene
-        self._chain = placement.planning_chain(self.scene)
+        self._chain = placement.make_planning_chain(self.scene)
         self._step_s = self.scene.control_step_s
         self._drive = drive = self.scene.robot.drive
         travel = () if drive is None else (drive.speed_limit_m_s,)
         self._reach = np.concatenate([travel, self.scene.arm.speed_limit]) * self._step_s
-        self._base_w = self._simulation.initial_base_pose()
+        self._base_w = self._simulation.get_initial_base_pose()
         self._clearance = RobotClearance(self.scene, self._chain, *self._base_w)
         self._to_base = transforms.invert(*self._base_w)
-        self._continue_from(self._simulation.joint_positions())
+        self._continue_from(self._simulation.get_joint_positions())
         self.preferred_posture = self.joint_positions
 
-    def action_to_pose(
+    def compute_action_to_pose(
         self,
         target_pos_w: FloatArray,
         target_q_w: FloatArray,
@@ -72,29 +72,33 @@ class MotionPlanner:
 
         The tool moves as fast as the joints allow, up to the given speeds.
         """
-        return self.action_to_joint_positions(
-            self.step_on_line(target_pos_w, target_q_w, speed_m_s, turn_rad_s)
+        return self.compute_action_to_joint_positions(
+            self.plan_straight_line_step(target_pos_w, target_q_w, speed_m_s, turn_rad_s)
         )
 
-    def step_on_line(
+    def plan_straight_line_step(
         self,
         target_pos_w: FloatArray,
         target_q_w: FloatArray,
         speed_m_s: FloatArray | float,
         turn_rad_s: float,
     ) -> FloatArray:
-        """Returns joint positions (N, J) of the next pose on a straight line to the target, see ``action_to_pose``."""
+        """Returns joint positions (N, J) of the next pose on a straight line to the target, see
+        ``compute_action_to_pose``.
+        """
         self._update()
-        step = target_pos_w - self.pos_w
-        turn = transforms.to_rotation_vector(transforms.multiply(target_q_w, transforms.conjugate(self.q_w)))
+        step = target_pos_w - self.tool_pos_w
+        turn = transforms.to_rotation_vector(
+            transforms.multiply(target_q_w, transforms.conjugate(self.tool_quat_w))
+        )
         step = step * _limiting_share(step, self._step_s * speed_m_s)
         turn = turn * _limiting_share(turn, self._step_s * turn_rad_s)
-        q_w = transforms.multiply(transforms.from_rotation_vector(turn), self.q_w)
-        pull = POSTURE_STEP_SHARE * (self.preferred_posture - self.joint_positions)
-        pull *= _limiting_share(pull / self._chain.joint_units, np.full(len(pull), POSTURE_STEP_SHARE))
-        return self.solve_inverse_kinematics(self.pos_w + step, q_w, self.joint_positions + pull)
+        q_w = transforms.multiply(transforms.from_rotation_vector(turn), self.tool_quat_w)
+        pull = POSTURE_STEP_FRACTION * (self.preferred_posture - self.joint_positions)
+        pull *= _limiting_share(pull / self._chain.joint_scales, np.full(len(pull), POSTURE_STEP_FRACTION))
+        return self.solve_inverse_kinematics(self.tool_pos_w + step, q_w, self.joint_positions + pull)
 
-    def step_in_joint_space(
+    def plan_joint_space_step(
         self, target: FloatArray, speed_m_s: FloatArray | float, tilt_rad: float
     ) -> FloatArray:
         """Returns joint positions (N, J) of the next step towards a target (N, J). All joints move in proportion.
@@ -103,12 +107,12 @@ class MotionPlanner:
         """
         self._update()
         step = self._within_limits(target - self.joint_positions)
-        pos, _ = self.tool_pose(self.joint_positions + step)
-        step *= _limiting_share(pos - self.pos_w, self._step_s * speed_m_s)
-        pos_w, q_w = self.tool_pose(self.joint_positions + step)
+        pos, _ = self.compute_tool_pose(self.joint_positions + step)
+        step *= _limiting_share(pos - self.tool_pos_w, self._step_s * speed_m_s)
+        pos_w, q_w = self.compute_tool_pose(self.joint_positions + step)
         return self.solve_inverse_kinematics(pos_w, _limit_tilt(q_w, tilt_rad), self.joint_positions + step)
 
-    def action_to_joint_positions(self, joint_positions: FloatArray) -> FloatArray:
+    def compute_action_to_joint_positions(self, joint_positions: FloatArray) -> FloatArray:
         """Returns actions (N, A) that move the arms to joint positions (N, J) within the speed limits.
 
         All joints move in proportion. A driving base turns back to its initial yaw.
@@ -119,7 +123,7 @@ class MotionPlanner:
         share = step / self._reach
         if self._drive is None:
             return share
-        yaw = self._simulation.base_displacement()[:, 2:]
+        yaw = self._simulation.get_base_displacement()[:, 2:]
         turn = np.clip(-YAW_GAIN_PER_S * yaw / self._drive.turn_limit_rad_s, -1.0, 1.0)
         return np.concatenate([share[:, 1:], share[:, :1], turn], axis=-1)
 
@@ -128,8 +132,8 @@ class MotionPlanner:
     ) -> tuple[FloatArray, FloatArray]:
         """Finds joint positions near the current ones for K tool poses in each world, (N, K, 3) and (N, K, 4).
 
-        The cost is the duration of the motion, plus the collision cost, plus ``TILT_COST_S_RAD`` per radian of excess
-        tilt. The collision cost begins at a distance of ``COLLISION_MARGIN_M``. For a collision it is at least
+        The cost is the duration of the motion, plus the collision cost, plus ``TILT_COST_S_PER_RAD`` per radian of
+        excess tilt. The collision cost begins at a distance of ``COLLISION_MARGIN_M``. For a collision it is at least
         ``COLLISION_COST_S``. At the end of the motion, collisions of the tool are not checked. The cost is infinite if
         no solution was found.
 
@@ -140,9 +144,9 @@ class MotionPlanner:
         to_base_pos, to_base_q = (part[:, None] for part in self._to_base)
         pos, q = transforms.compose(to_base_pos, to_base_q, pos_w, q_w)
         joints = self.joint_positions.shape[-1]
-        starts = self.joint_positions[:, None, None] + self._chain.joint_units * _start_offsets(joints)
+        starts = self.joint_positions[:, None, None] + self._chain.joint_scales * _start_offsets(joints)
         starts = np.tile(starts, (1, poses, 1, 1)).reshape(-1, joints)
-        pos, q = (np.repeat(part.reshape(worlds * poses, -1), IK_STARTS, axis=0) for part in (pos, q))
+        pos, q = (np.repeat(part.reshape(worlds * poses, -1), NUM_IK_STARTS, axis=0) for part in (pos, q))
         solution = kinematics.inverse_kinematics(self._chain, pos, q, starts)
         angles = self._unwrap_near(solution.joint_positions.reshape(worlds, -1, joints))
         missed = (solution.position_error_m > MAX_POSITION_ERROR_M) | (
@@ -163,24 +167,24 @@ class MotionPlanner:
             self._tilt_rad(self.joint_positions[:, None] + share * way) for share in CHECKED_PATH_FRACTIONS
         ]
         excess = np.maximum(0.0, np.max(tilt, axis=0) - tilt_rad)
-        return self._step_s * np.abs(way / self._reach).max(axis=-1) + TILT_COST_S_RAD * excess
+        return self._step_s * np.abs(way / self._reach).max(axis=-1) + TILT_COST_S_PER_RAD * excess
 
     def _collision_cost_s(self, joint_positions: FloatArray) -> FloatArray:
         """Returns the cost (N, M) of small distances on the path to joint positions (N, M, J)."""
         way = joint_positions - self.joint_positions[:, None]
-        state, gap = self._episodes.state(), np.full(way.shape[:2], np.inf)
+        state, gap = self._episodes.get_state(), np.full(way.shape[:2], np.inf)
         for share in CHECKED_PATH_FRACTIONS:
             there = self.joint_positions[:, None] + share * way
-            gap = np.minimum(gap, self.clearance_m(there, state, tool=share < 1.0))
+            gap = np.minimum(gap, self.compute_clearance_m(there, state, tool=share < 1.0))
         return COLLISION_COST_S * np.maximum(0.0, 1.0 - gap / COLLISION_MARGIN_M)
 
-    def clearance_m(self, joint_positions: FloatArray, state: State, *, tool: bool) -> FloatArray:
+    def compute_clearance_m(self, joint_positions: FloatArray, state: State, *, tool: bool) -> FloatArray:
         """Returns the smallest distance (N, M) in metres from person or furniture at joint positions (N, M, J).
 
-        See ``RobotClearance.min_distance_m``.
+        See ``RobotClearance.compute_min_distance_m``.
         """
-        return self._clearance.min_distance_m(
-            joint_positions, state.person_segment_w, state.person_radius_m, tool=tool
+        return self._clearance.compute_min_distance_m(
+            joint_positions, state.person_capsule_ends_w, state.person_radius_m, tool=tool
         )
 
     def _tilt_rad(self, joint_positions: FloatArray) -> FloatArray:
@@ -200,13 +204,13 @@ class MotionPlanner:
             self._chain, pos, q, near, iterations=IK_ITERATIONS
         ).joint_positions
 
-    def tool_pose(self, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def compute_tool_pose(self, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns tool positions (N, 3) and rotations (N, 4) in the world frame, at joint positions (N, J)."""
         return transforms.compose(*self._base_w, *kinematics.forward_kinematics(self._chain, joint_positions))
 
-    def joint_distance_rad(self, joint_positions: FloatArray) -> FloatArray:
+    def compute_max_joint_distance_rad(self, joint_positions: FloatArray) -> FloatArray:
         """Returns the largest difference (N,) of a joint from ``joint_positions`` (N, J), in the chain's units."""
-        return np.abs((joint_positions - self.joint_positions) / self._chain.joint_units).max(axis=-1)
+        return np.abs((joint_positions - self.joint_positions) / self._chain.joint_scales).max(axis=-1)
 
     def _unwrap_near(self, joint_positions: FloatArray) -> FloatArray:
         """Returns joint positions (N, M, J), moved by whole turns towards the current positions.
@@ -220,31 +224,31 @@ class MotionPlanner:
 
     def _update(self) -> None:
         """Continue the plan from the current servo targets."""
-        self._continue_from(self._simulation.joint_targets())
+        self._continue_from(self._simulation.get_joint_targets())
 
     def _continue_from(self, of_arm: FloatArray) -> None:
         """Continue from joint positions of the arm (N, J) and from the current pose of the base."""
         if self._drive is None:
             self._set_positions(of_arm)
             return
-        travel_m = self._simulation.base_displacement()[:, :1]
-        pos_w, q_w = self._simulation.base_pose()
+        travel_m = self._simulation.get_base_displacement()[:, :1]
+        pos_w, q_w = self._simulation.get_base_pose()
         self._base_w = pos_w - travel_m * transforms.rotate(q_w, placement.X_AXIS), q_w
         self._to_base = transforms.invert(*self._base_w)
         self._set_positions(np.concatenate([travel_m, of_arm], axis=-1))
 
     def _set_positions(self, joint_positions: FloatArray) -> None:
         self.joint_positions = joint_positions
-        self.pos_w, self.q_w = self.tool_pose(joint_positions)
+        self.tool_pos_w, self.tool_quat_w = self.compute_tool_pose(joint_positions)
 
     def _within_limits(self, step: FloatArray) -> FloatArray:
         return step / np.maximum(1.0, np.abs(step / self._reach).max(axis=-1, keepdims=True))
 
 
 def _start_offsets(joints: int) -> FloatArray:
-    """Returns the offsets (``IK_STARTS``, J) of the start poses from the current pose, in the chain's units."""
-    others = random_streams.planner_start_generator().uniform(
-        -MAX_IK_START_OFFSET_RAD, MAX_IK_START_OFFSET_RAD, (IK_STARTS - 1, joints)
+    """Returns the offsets (``NUM_IK_STARTS``, J) of the start poses from the current pose, in the chain's units."""
+    others = random_streams.make_planner_start_rng().uniform(
+        -MAX_IK_START_OFFSET_RAD, MAX_IK_START_OFFSET_RAD, (NUM_IK_STARTS - 1, joints)
     )
     return np.concatenate([np.zeros((1, joints)), others])
 

@@ -11,7 +11,7 @@ from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
 from avrgym.tasks.experts.feedback import FeedbackExpert, ToolTarget
 from avrgym.tasks.experts.motion_planner import MotionPlanner
-from avrgym.tasks.feeding.feedback_expert import feeding_target
+from avrgym.tasks.feeding.feedback_expert import compute_feeding_target
 from avrgym.tasks.task import RunningEpisodes, TaskState
 
 MAX_RESTING_MOUTH_SPEED_M_S = 0.04
@@ -27,7 +27,7 @@ class FeedingMemoryExpert:
 
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Start with the current poses of the spoons and the mouths."""
-        self._mouth_w = episodes.state().mouth_pos_w
+        self._mouth_w = episodes.get_state().mouth_pos_w
         self._follow = FeedbackExpert(episodes, self._target)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
@@ -37,9 +37,9 @@ class FeedingMemoryExpert:
     def _target(self, state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
         speed_m_s = norm(state.mouth_pos_w - self._mouth_w) / planner.scene.control_step_s
         self._mouth_w = state.mouth_pos_w
-        return feeding_target(state, task_state, planner, standoff_from_mouth_m(speed_m_s))
+        return compute_feeding_target(state, task_state, planner, compute_standoff_from_mouth_m(speed_m_s))
 
 
-def standoff_from_mouth_m(mouth_m_s: FloatArray) -> FloatArray:
+def compute_standoff_from_mouth_m(mouth_m_s: FloatArray) -> FloatArray:
     """Returns the standoff (N,) of spoons in metres from mouths with speeds ``mouth_m_s`` (N,)."""
     return MAX_STANDOFF_M * np.clip(mouth_m_s / MAX_RESTING_MOUTH_SPEED_M_S - 1.0, 0.0, 1.0)

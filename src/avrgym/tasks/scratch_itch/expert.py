@@ -12,7 +12,12 @@ from avrgym.models.scratcher import ROD_RADIUS_M
 from avrgym.simulation.worlds import State
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.person import LATERAL_AXES
-from avrgym.tasks.scratch_itch.reward import ITCH_RADIUS_M, ScratchItchState, itch_limb_frame, itch_pos_w
+from avrgym.tasks.scratch_itch.reward import (
+    ITCH_RADIUS_M,
+    ScratchItchState,
+    compute_itch_limb_frame,
+    compute_itch_pos_w,
+)
 from avrgym.tasks.task import RunningEpisodes
 
 TILTS_RAD = np.radians([25.0, 50.0, 70.0])
@@ -37,7 +42,7 @@ MIN_DETOUR_COST_S = 20.0
 NUM_DETOUR_STEPS = 50
 """Number of control steps of the detour. Afterwards, the expert plans again."""
 DETOUR_OFFSET_M = (0.0, -0.15, 0.10)
-DOWNWARD_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.5 * np.pi))
+DOWNWARD_QUAT_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.5 * np.pi))
 ROD_DIRECTION = (1.0, 0.0, 0.0)
 """Direction of the rod in the tool's frame."""
 LOOP_HALF_AXES_M = np.array([0.014, 0.009])
@@ -72,7 +77,7 @@ class ScratchItchExpert:
         self._q_limb, self._before = np.zeros((count, 4)), np.zeros_like(self._planner.joint_positions)
         self._steps = 0
         hard = self._plan(np.ones(count, dtype=bool)) > MIN_DETOUR_COST_S
-        self._detour_positions, cost_s = plan_detour(self._planner, episodes.state())
+        self._detour_positions, cost_s = plan_detour(self._planner, episodes.get_state())
         self._detour = hard & (cost_s < MIN_DETOUR_COST_S)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
@@ -82,25 +87,27 @@ class ScratchItchExpert:
             self._detour = np.zeros_like(self._detour)
         self._steps += 1
         goal = np.where(self._detour[:, None], self._detour_positions, self._before)
-        swing = planner.step_in_joint_space(goal, SWING_SPEED_M_S, np.pi)
-        there = planner.joint_distance_rad(goal) < ARRIVAL_TOLERANCE_RAD
+        swing = planner.plan_joint_space_step(goal, SWING_SPEED_M_S, np.pi)
+        there = planner.compute_max_joint_distance_rad(goal) < ARRIVAL_TOLERANCE_RAD
         self._arrived |= there & ~self._detour
         tip_w, q_w = self._rub()
         speed = np.where(self._touched, RUB_SPEED_M_S, APPROACH_SPEED_M_S)
-        straight = planner.step_on_line(tip_w, q_w, speed, TURN_SPEED_RAD_S)
-        return planner.action_to_joint_positions(np.where(self._arrived[:, None], straight, swing))
+        straight = planner.plan_straight_line_step(tip_w, q_w, speed, TURN_SPEED_RAD_S)
+        return planner.compute_action_to_joint_positions(np.where(self._arrived[:, None], straight, swing))
 
     def _rub(self) -> tuple[FloatArray, FloatArray]:
         """Returns the next tip position (N, 3) and rod rotation (N, 4)."""
-        state, task_state = self._episodes.state(), self._episodes.task_state
-        _, limb_q_w = itch_limb_frame(state, task_state)
-        out, _ = skin_directions_w(task_state, limb_q_w)
+        state, task_state = self._episodes.get_state(), self._episodes.task_state
+        _, limb_q_w = compute_itch_limb_frame(state, task_state)
+        out, _ = compute_skin_directions_w(task_state, limb_q_w)
         q_w = transforms.multiply(limb_q_w, self._q_limb)
         rod_w = transforms.rotate(q_w, ROD_DIRECTION)
-        near = norm(state.tool_pos_w - itch_pos_w(state, task_state)) < ITCH_RADIUS_M
+        near = norm(state.tool_pos_w - compute_itch_pos_w(state, task_state)) < ITCH_RADIUS_M
         self._touched = near & (self._touched | (self._arrived & (state.tool_force_n > CONTACT_FORCE_N)))
-        inside_w = tip_pos_w(itch_pos_w(state, task_state) - CONTACT_SEARCH_DEPTH_M * out, out, rod_w)
-        rubbed_w = rubbing_target(state, task_state, self._planner.pos_w, rod_w, FORCE_CONTROL)
+        inside_w = compute_tip_pos_w(
+            compute_itch_pos_w(state, task_state) - CONTACT_SEARCH_DEPTH_M * out, out, rod_w
+        )
+        rubbed_w = compute_rubbing_target(state, task_state, self._planner.tool_pos_w, rod_w, FORCE_CONTROL)
         return np.where(self._touched[:, None], rubbed_w, inside_w), q_w
 
     def _plan(self, worlds: BoolArray) -> FloatArray:
@@ -111,13 +118,13 @@ class ScratchItchExpert:
         Returns:
             Cost of the path (N,), seconds.
         """
-        state, task_state = self._episodes.state(), self._episodes.task_state
-        _, limb_q_w = itch_limb_frame(state, task_state)
-        out, along = skin_directions_w(task_state, limb_q_w)
+        state, task_state = self._episodes.get_state(), self._episodes.task_state
+        _, limb_q_w = compute_itch_limb_frame(state, task_state)
+        out, along = compute_skin_directions_w(task_state, limb_q_w)
         into, tilt = _ways(out, along)
-        here = np.broadcast_to(transforms.rotate(state.tool_q_w, ROD_DIRECTION)[:, None], into.shape)
-        q_w = transforms.multiply(_turn(here, into), state.tool_q_w[:, None])
-        tip_w = tip_pos_w(itch_pos_w(state, task_state)[:, None], out[:, None], into)
+        here = np.broadcast_to(transforms.rotate(state.tool_quat_w, ROD_DIRECTION)[:, None], into.shape)
+        q_w = transforms.multiply(_turn(here, into), state.tool_quat_w[:, None])
+        tip_w = compute_tip_pos_w(compute_itch_pos_w(state, task_state)[:, None], out[:, None], into)
         angles, cost_s = self._planner.find_joint_positions(tip_w, q_w)
         world, best = np.arange(len(out)), (cost_s + TILT_COST_S_PER_RAD * tilt).argmin(axis=-1)
         tip_w, q_w, into = tip_w[world, best], q_w[world, best], into[world, best]
@@ -138,14 +145,14 @@ def plan_detour(planner: MotionPlanner, state: State) -> tuple[FloatArray, Float
     """
     wrist_w = state.right_arm_pos_w[:, 2]
     turns = transforms.from_axis_angle([1.0, 0.0, 0.0], np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False))
-    q_w = np.tile(transforms.multiply(DOWNWARD_Q_W, turns), (len(wrist_w), 1, 1))
+    q_w = np.tile(transforms.multiply(DOWNWARD_QUAT_W, turns), (len(wrist_w), 1, 1))
     place_w = np.repeat((wrist_w + DETOUR_OFFSET_M)[:, None], q_w.shape[1], axis=1)
     angles, cost_s = planner.find_joint_positions(place_w, q_w)
     world, best = np.arange(len(wrist_w)), cost_s.argmin(axis=-1)
     return angles[world, best], cost_s[world, best]
 
 
-def rubbing_target(
+def compute_rubbing_target(
     state: State, task_state: ScratchItchState, pos_w: FloatArray, rod_w: FloatArray, press: ForceControl
 ) -> FloatArray:
     """Returns the next position (N, 3) of a tip that circles around the itch.
@@ -159,10 +166,10 @@ def rubbing_target(
         rod_w: rod direction, unit vectors (N, 3), world frame.
         press: parameters of the force control.
     """
-    _, limb_q_w = itch_limb_frame(state, task_state)
-    out, along = skin_directions_w(task_state, limb_q_w)
+    _, limb_q_w = compute_itch_limb_frame(state, task_state)
+    out, along = compute_skin_directions_w(task_state, limb_q_w)
     axes = np.stack([along, transforms.cross(out, along)], axis=1)
-    middle_w = tip_pos_w(itch_pos_w(state, task_state), out, rod_w)
+    middle_w = compute_tip_pos_w(compute_itch_pos_w(state, task_state), out, rod_w)
     offset = ((state.tool_pos_w - middle_w)[:, None] * axes).sum(axis=-1) / LOOP_HALF_AXES_M
     angle = elementary.arctan2(offset[:, 1], offset[:, 0]) + LOOKAHEAD_ANGLE_RAD
     ahead = LOOP_HALF_AXES_M * np.stack([elementary.cos(angle), elementary.sin(angle)], axis=-1)
@@ -177,7 +184,9 @@ def rubbing_target(
     return next_w + height[:, None] * out
 
 
-def skin_directions_w(task_state: ScratchItchState, limb_q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
+def compute_skin_directions_w(
+    task_state: ScratchItchState, limb_q_w: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Returns unit vectors (N, 3) at the itch in the world frame: skin normal, and direction along the limb."""
     out = transforms.normalize(task_state.itch * constant_like(LATERAL_AXES, task_state.itch))
     return transforms.rotate(limb_q_w, out), transforms.rotate(limb_q_w, [0.0, 0.0, 1.0])
@@ -194,7 +203,7 @@ def _ways(out: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
     )
 
 
-def tip_pos_w(skin_w: FloatArray, out: FloatArray, into: FloatArray) -> FloatArray:
+def compute_tip_pos_w(skin_w: FloatArray, out: FloatArray, into: FloatArray) -> FloatArray:
     """Returns the position (..., 3) of the tip of a rod with direction ``into`` that touches the skin at ``skin_w``.
 
     The tip has a distance from the touched point, because the end of the rod is round.

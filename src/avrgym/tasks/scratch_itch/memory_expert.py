@@ -12,14 +12,14 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.tasks.experts.feedback import TURN_SPEED_RAD_S, FeedbackExpert, FeedbackPlanner
-from avrgym.tasks.scratch_itch.expert import SWING_SPEED_M_S, skin_directions_w
+from avrgym.tasks.scratch_itch.expert import SWING_SPEED_M_S, compute_skin_directions_w
 from avrgym.tasks.scratch_itch.feedback_expert import (
     BlendRange,
-    blended_target,
-    front_approach_share,
-    scratching_target,
+    compute_blended_target,
+    compute_front_approach_weight,
+    compute_scratching_target,
 )
-from avrgym.tasks.scratch_itch.reward import itch_limb_frame
+from avrgym.tasks.scratch_itch.reward import compute_itch_limb_frame
 from avrgym.tasks.task import Controller, RunningEpisodes
 
 
@@ -27,7 +27,8 @@ class SwingMotion(NamedTuple):
     """A swing to the front: a fixed joint-space motion.
 
     ``joint_displacements`` (J,) are the changes of the joint positions, in radians. ``inward_range`` and
-    ``not_downward_range`` are ranges of the skin normals for which the swing is used, see ``front_approach_share``.
+    ``not_downward_range`` are ranges of the skin normals for which the swing is used, see
+    ``compute_front_approach_weight``.
     """
 
     joint_displacements: tuple[float, ...]
@@ -46,9 +47,9 @@ SWING_BY_ROBOT = {
 """Swings by name of the robot. For the Jaco, they are the median of the feedback expert's motions to the front; for the
 PR2, the mean of the planned detours.
 """
-FRONT_SHARE_THRESHOLD = 0.5
-"""Value of ``front_approach_share`` above which the arm first swings to the front of the person."""
-SWING_COMPLETE_SHARE = 0.85
+FRONT_APPROACH_WEIGHT_THRESHOLD = 0.5
+"""Value of ``compute_front_approach_weight`` above which the arm first swings to the front of the person."""
+SWING_COMPLETE_FRACTION = 0.85
 """Completed share of the swing at which the swing ends."""
 
 
@@ -56,7 +57,9 @@ def make_memory_expert(episodes: RunningEpisodes) -> Controller:
     """Returns the expert with a swing to the front for robots in ``SWING_BY_ROBOT``, otherwise the feedback expert."""
     swing = SWING_BY_ROBOT.get(episodes.scene.robot.name)
     return (
-        FeedbackExpert(episodes, scratching_target) if swing is None else SwingToFrontExpert(episodes, swing)
+        FeedbackExpert(episodes, compute_scratching_target)
+        if swing is None
+        else SwingToFrontExpert(episodes, swing)
     )
 
 
@@ -72,18 +75,20 @@ class SwingToFrontExpert:
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Returns the actions (N, A) of the next control step."""
-        planner, state, task_state = self._planner, self._episodes.state(), self._episodes.task_state
+        planner, state, task_state = self._planner, self._episodes.get_state(), self._episodes.task_state
         planner.reset_preferred_posture()
-        self._swung |= self._swing_progress() > SWING_COMPLETE_SHARE
-        out_w, _ = skin_directions_w(task_state, itch_limb_frame(state, task_state)[1])
-        in_front = front_approach_share(out_w, self._swing.inward_range, self._swing.not_downward_range)
-        pos_w, q_w, speed = blended_target(state, task_state, planner, in_front * self._swung)
-        joint_positions = planner.step_on_line(pos_w, q_w, speed, TURN_SPEED_RAD_S)
-        swings = (in_front > FRONT_SHARE_THRESHOLD) & ~self._swung
+        self._swung |= self._swing_progress() > SWING_COMPLETE_FRACTION
+        out_w, _ = compute_skin_directions_w(task_state, compute_itch_limb_frame(state, task_state)[1])
+        in_front = compute_front_approach_weight(
+            out_w, self._swing.inward_range, self._swing.not_downward_range
+        )
+        pos_w, q_w, speed = compute_blended_target(state, task_state, planner, in_front * self._swung)
+        joint_positions = planner.plan_straight_line_step(pos_w, q_w, speed, TURN_SPEED_RAD_S)
+        swings = (in_front > FRONT_APPROACH_WEIGHT_THRESHOLD) & ~self._swung
         if swings.any():
-            swing = planner.step_in_joint_space(self._first + self._way, SWING_SPEED_M_S, np.pi)
+            swing = planner.plan_joint_space_step(self._first + self._way, SWING_SPEED_M_S, np.pi)
             joint_positions = np.where(swings[:, None], swing, joint_positions)
-        return planner.action_to_joint_positions(joint_positions)
+        return planner.compute_action_to_joint_positions(joint_positions)
 
     def _swing_progress(self) -> FloatArray:
         """Returns the completed share (N,) of the swing."""

@@ -7,12 +7,12 @@ import numpy as np
 
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry import elementary, transforms
-from avrgym.geometry.arrays import constant_like, indices_to_compute, namespace, row_indices
+from avrgym.geometry.arrays import constant_like, find_indices_to_compute, get_namespace, make_row_indices
 from avrgym.geometry.transforms import norm
 from avrgym.models import human
 from avrgym.models.human import People
 from avrgym.simulation.worlds import RightArmPoses, State
-from avrgym.tasks.person import COMFORT_FORCE_LIMIT_N, RIGHT_ARM_LIMBS, force_above_limit
+from avrgym.tasks.person import COMFORT_FORCE_LIMIT_N, RIGHT_ARM_LIMBS, zero_comfortable_forces
 from avrgym.tasks.task import StepResult
 
 ITCH_RADIUS_M = 0.025
@@ -28,7 +28,7 @@ ITCH_ANGLE_RANGE_RAD = np.array([np.radians(120.0), np.pi])
 
 The range excludes the third of the upper arm that faces the torso. A robot hand does not fit there.
 """
-WEIGHTS: Mapping[str, float] = {
+REWARD_WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
     "action_squared": -0.01,
     "force_at_itch_n": 0.01,
@@ -58,15 +58,17 @@ class ScratchItchState:
     scratches: IntArray
 
 
-def init_state(people: People, uniforms: FloatArray) -> ScratchItchState:
+def make_initial_task_state(people: People, uniforms: FloatArray) -> ScratchItchState:
     """Returns the initial task state of N worlds: an itch on the upper arm or forearm (equally likely).
 
     The position of the itch along and around the limb is uniformly distributed.
     """
-    xp = namespace(uniforms)
+    xp = get_namespace(uniforms)
     limb = xp.astype(uniforms[:, 3] < 0.5, xp.int64)
-    layout = human.body_layout_of_people(people)
-    sizes = xp.stack([layout.geom_size[name] for name in RIGHT_ARM_LIMBS], axis=1)[row_indices(limb), limb]
+    layout = human.compute_people_layout(people)
+    sizes = xp.stack([layout.geom_size[name] for name in RIGHT_ARM_LIMBS], axis=1)[
+        make_row_indices(limb), limb
+    ]
     radius, length = sizes[:, 0], 2.0 * sizes[:, 1]
     along = length * (
         ITCH_POSITION_RANGE[0] + (ITCH_POSITION_RANGE[1] - ITCH_POSITION_RANGE[0]) * uniforms[:, 4]
@@ -83,7 +85,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: ScratchItchState
     A scratch is a tool contact within 2.5 cm of the itch with less than 10 N. The position of a scratch is the
     force-weighted mean of the contacts. It must be more than 1 cm from the previous scratch in the limb's frame.
     """
-    xp, itch_w = namespace(state.tool_pos_w), itch_pos_w(state, task_state)
+    xp, itch_w = get_namespace(state.tool_pos_w), compute_itch_pos_w(state, task_state)
     force_n, place = _touch(state, task_state, itch_w)
     moved = norm(place - task_state.last_scratch) > MIN_STROKE_M
     scratch = (force_n > 0.0) & (force_n < COMFORT_FORCE_LIMIT_N) & (moved | (task_state.scratches == 0))
@@ -101,7 +103,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: ScratchItchState
         "scratch_force_n": xp.where(scratch, force_n, 0.0),
         "tool_speed_m_s": norm(state.tool_velocity_w),
         "force_elsewhere_n": xp.maximum(state.total_force_n - force_n, 0.0),
-        "strong_force_at_itch_n": force_above_limit(force_n),
+        "strong_force_at_itch_n": zero_comfortable_forces(force_n),
     }
     success = after.scratches >= NUM_SUCCESS_SCRATCHES
     nothing = xp.zeros((len(distance), 0), dtype=xp.bool, device=distance.device)
@@ -110,16 +112,18 @@ def evaluate_step(state: State, action: FloatArray, task_state: ScratchItchState
     )
 
 
-def itch_pos_w(state: State, task_state: ScratchItchState) -> FloatArray:
+def compute_itch_pos_w(state: State, task_state: ScratchItchState) -> FloatArray:
     """Returns the position (N, 3) of the itch in the world frame."""
-    limb_pos_w, limb_q_w = itch_limb_frame(state, task_state)
+    limb_pos_w, limb_q_w = compute_itch_limb_frame(state, task_state)
     return limb_pos_w + transforms.rotate(limb_q_w, task_state.itch)
 
 
-def itch_limb_frame(arm: RightArmPoses, task_state: ScratchItchState) -> tuple[FloatArray, FloatArray]:
+def compute_itch_limb_frame(
+    arm: RightArmPoses, task_state: ScratchItchState
+) -> tuple[FloatArray, FloatArray]:
     """Returns position (N, 3) and rotation (N, 4) of the limb with the itch, in the world frame."""
-    worlds = row_indices(task_state.limb)
-    return arm.right_arm_pos_w[worlds, task_state.limb], arm.right_arm_q_w[worlds, task_state.limb]
+    worlds = make_row_indices(task_state.limb)
+    return arm.right_arm_pos_w[worlds, task_state.limb], arm.right_arm_quat_w[worlds, task_state.limb]
 
 
 def _touch(state: State, task_state: ScratchItchState, itch_w: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -127,9 +131,9 @@ def _touch(state: State, task_state: ScratchItchState, itch_w: FloatArray) -> tu
 
     The mean is weighted by force. Worlds without a contact have zeros.
     """
-    xp = namespace(itch_w)
+    xp = get_namespace(itch_w)
     force_n, place = xp.zeros_like(itch_w[:, 0]), xp.zeros_like(itch_w)
-    (rows,) = indices_to_compute((state.tool_contact_force_n > 0.0).any(axis=-1))
+    (rows,) = find_indices_to_compute((state.tool_contact_force_n > 0.0).any(axis=-1))
     if not len(rows):
         return force_n, place
     contact_w = state.tool_contact_pos_w[rows]
@@ -137,6 +141,6 @@ def _touch(state: State, task_state: ScratchItchState, itch_w: FloatArray) -> tu
     forces = xp.where(near, state.tool_contact_force_n[rows], 0.0)
     force_n[rows] = forces.sum(axis=-1)
     place_w = (forces[..., None] * contact_w).sum(axis=1) / xp.maximum(force_n[rows], 1e-9)[:, None]
-    limb_pos_w, limb_q_w = (each[rows] for each in itch_limb_frame(state, task_state))
+    limb_pos_w, limb_q_w = (each[rows] for each in compute_itch_limb_frame(state, task_state))
     place[rows] = transforms.rotate(transforms.conjugate(limb_q_w), place_w - limb_pos_w)
     return force_n, place

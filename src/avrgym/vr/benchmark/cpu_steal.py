@@ -108,12 +108,12 @@ def merge_spans(spans: list[TimeSpan]) -> list[TimeSpan]:
     return apart
 
 
-def overlap_s(spans: list[TimeSpan], began_s: float, ended_s: float) -> float:
+def compute_overlap_s(spans: list[TimeSpan], began_s: float, ended_s: float) -> float:
     """Returns the total overlap in seconds between disjoint spans and the period from ``began_s`` to ``ended_s``."""
     return sum(max(0.0, min(end_s, ended_s) - max(begin_s, began_s)) for begin_s, end_s in spans)
 
 
-def overlaps_no_span(spans: list[TimeSpan], began_s: FloatArray, ended_s: FloatArray) -> BoolArray:
+def find_undisturbed_periods(spans: list[TimeSpan], began_s: FloatArray, ended_s: FloatArray) -> BoolArray:
     """Returns a boolean mask (n,): periods from ``began_s`` (n,) to ``ended_s`` (n,) that overlap no span.
 
     The spans are sorted and disjoint.

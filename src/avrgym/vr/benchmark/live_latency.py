@@ -21,23 +21,28 @@ import numpy as np
 from websockets.sync.client import ClientConnection, connect
 
 from avrgym.array_types import FloatArray
-from avrgym.policies.names import OPERATOR_POLICY
+from avrgym.policies.policy_names import OPERATOR_POLICY_NAME
 from avrgym.policies.registry import resolve_session_policy
-from avrgym.policies.trained import Policy, PolicyMetadata
+from avrgym.policies.trained_policies import Policy, PolicyMetadata
 from avrgym.system import random_streams
 from avrgym.system.child_processes import block_terminal_signals
-from avrgym.tasks.registry import observation_and_action_size
-from avrgym.vr.benchmark.cpu_steal import CpuStealMonitor, TimeSpan, overlap_s, overlaps_no_span
+from avrgym.tasks.registry import get_observation_and_action_size
+from avrgym.vr.benchmark.cpu_steal import (
+    CpuStealMonitor,
+    TimeSpan,
+    compute_overlap_s,
+    find_undisturbed_periods,
+)
 from avrgym.vr.benchmark.second_headset import run_demonstrator
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, ReceivedMessage
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.server.real_time_loop import LateTick, RealTimeLoop
-from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
+from avrgym.vr.session.plan import SessionPlan, SessionPolicies, TrialPlan
 from avrgym.vr.session.session import Session
 
-TRACKING_HZ = 90.0
+TRACKING_RATE_HZ = 90.0
 """Number of tracking frames that the client sends per second."""
 POLICY_HIDDEN_UNITS = 64
 """Number of neurons in each of the two hidden layers of the untrained network."""
@@ -47,10 +52,10 @@ CLIENT_TIMEOUT_S = 120.0
 """Maximum duration of the session in seconds, without the duration of the trial."""
 STEAL_TIME_COLUMN = 8
 """Index of the steal time in the first line of Linux's ``/proc/stat`` (proc(5)). The name of the line has index 0."""
-PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
+PERCENTILE_LEVELS = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
 """The computed percentiles (0 to 100), by name."""
 
-Percentiles = dict[str, float]
+PercentilesMs = dict[str, float]
 """Percentiles in milliseconds, by name."""
 
 
@@ -82,16 +87,16 @@ class LiveLatencyResult:
     env: str
     seconds: float
     rate_hz: float
-    tick_ms: Percentiles
-    processor_ms: Percentiles
-    round_trip_ms: Percentiles
-    undisturbed_tick_ms: Percentiles | None
-    undisturbed_round_trip_ms: Percentiles | None
-    stages_ms: dict[str, Percentiles]
+    tick_ms: PercentilesMs
+    processor_ms: PercentilesMs
+    round_trip_ms: PercentilesMs
+    undisturbed_tick_ms: PercentilesMs | None
+    undisturbed_round_trip_ms: PercentilesMs | None
+    stages_ms: dict[str, PercentilesMs]
     missed_deadlines: int
     missed_running: int | None
     stolen_s: float
-    steering_ms: Percentiles | None = None
+    steering_ms: PercentilesMs | None = None
 
 
 def measure_live_latency(environment_id: str, seconds: float, policy: str | None = None) -> LiveLatencyResult:
@@ -117,7 +122,7 @@ def measure_live_latency(environment_id: str, seconds: float, policy: str | None
             times.watch(server.loop)
             before_s = _stolen_s()
             with CpuStealMonitor() as cpu_steal:
-                trips, times.steer_sent = _attend(server, seconds, steered=policy == OPERATOR_POLICY)
+                trips, times.steer_sent = _attend(server, seconds, steered=policy == OPERATOR_POLICY_NAME)
             times.stolen_s, times.stood_still = _stolen_s() - before_s, cpu_steal.steal_spans
             times.late = list(server.loop.late_ticks)
     return _sum_up(environment_id, times, trips)
@@ -134,14 +139,14 @@ def _stolen_s() -> float:
 def _plan(environment_id: str, seconds: float) -> SessionPlan:
     trial = TrialPlan(environment_id, MEASURED_POLICY_NAME, seed=0, practice=True)
     steps = round(seconds * 10) + 1
-    return SessionPlan([trial], "woman", 0.5, simulated=True, trial_steps=steps, countdown_s=0.5)
+    return SessionPlan([trial], "woman", 0.5, is_simulated=True, trial_steps=steps, countdown_s=0.5)
 
 
 def _untrained(environment_id: str) -> Policy:
     """Returns a network with random weights. Its size and computing time are the same as for trained networks."""
-    size, actions = observation_and_action_size(environment_id)
+    size, actions = get_observation_and_action_size(environment_id)
     random, layers = (
-        random_streams.untrained_weight_generator(),
+        random_streams.make_untrained_weight_rng(),
         (size, POLICY_HIDDEN_UNITS, POLICY_HIDDEN_UNITS, actions),
     )
     return Policy(
@@ -180,24 +185,24 @@ class _Times:
         post = loop.post
 
         def note(message: ReceivedMessage) -> None:
-            if isinstance(message, messages.Tracking):
+            if isinstance(message, messages.TrackingFrameMessage):
                 self.arrived[message.sequence] = time.monotonic()
-            elif isinstance(message, messages.Steer):
+            elif isinstance(message, messages.ControllerPoseCommand):
                 self._steer_numbers[id(message)] = self._steers
                 self._steers += 1
             post(message)
 
         loop.post = note
 
-    def note_steering(self, message: messages.Steer) -> None:
+    def note_steering(self, message: messages.ControllerPoseCommand) -> None:
         """Stores that the session receives a demonstrator's steering message now."""
         self.steer_pending.append(self._steer_numbers.pop(id(message)))
 
-    def note_state(self, state: messages.State) -> None:
+    def note_state(self, state: messages.WorldState) -> None:
         """Stores the current time for all tracking frames and steering messages that ``state`` is the first to
         include."""
         now_s = time.monotonic()
-        self.answered.setdefault(state.tracking_sequence, now_s)
+        self.answered.setdefault(state.tracking_sequence_number, now_s)
         self.steer_answered |= dict.fromkeys(self.steer_pending, now_s)
         self.steer_pending.clear()
 
@@ -214,25 +219,25 @@ class _TimedSession(Session):
     def __init__(
         self,
         plan: SessionPlan,
-        policies: Policies,
+        policies: SessionPolicies,
         folder: Path,
-        send: messages.SendMessage,
+        send: messages.MessageSender,
         workers: ThreadPoolExecutor,
         times: _Times,
     ) -> None:
         self._times = times
 
         def send_noted(message: messages.SentMessage) -> None:
-            if isinstance(message, messages.State):
+            if isinstance(message, messages.WorldState):
                 times.note_state(message)
             send(message)
 
         super().__init__(plan, policies, folder, send_noted, "bench", workers=workers)
 
     def receive(self, message: ReceivedMessage, now_s: float) -> None:
-        if isinstance(message, messages.Tracking):
+        if isinstance(message, messages.TrackingFrameMessage):
             self._times.taken[message.sequence] = time.monotonic()
-        elif isinstance(message, messages.Steer):
+        elif isinstance(message, messages.ControllerPoseCommand):
             self._times.note_steering(message)
         super().receive(message, now_s)
 
@@ -243,11 +248,13 @@ class _TimedSession(Session):
             self._times.note_tick(began, time.thread_time() - computed_before)
 
 
-RoundTrips = dict[int, tuple[float, float]]
+RoundTripTimes = dict[int, tuple[float, float]]
 """(time of sending a tracking frame, arrival time of the first state that includes it), by the frame's number."""
 
 
-def _attend(server: LiveServer[Session], seconds: float, *, steered: bool) -> tuple[RoundTrips, list[float]]:
+def _attend(
+    server: LiveServer[Session], seconds: float, *, steered: bool
+) -> tuple[RoundTripTimes, list[float]]:
     """Runs the clients' processes until the trial ends.
 
     Returns the times of the trial's round trips, and the times at which a demonstrator sent steering messages.
@@ -279,7 +286,7 @@ def _start_client(run: Callable[..., None], *arguments: str) -> Generator[Connec
         client.join()
 
 
-def _receive_trips(server: LiveServer[Session], here: Connection, seconds: float) -> RoundTrips:
+def _receive_trips(server: LiveServer[Session], here: Connection, seconds: float) -> RoundTripTimes:
     """Returns the times of the round trips, which the participant's process sends after the trial."""
     try:
         if not here.poll(seconds + CLIENT_TIMEOUT_S):
@@ -302,7 +309,9 @@ def run_client(url: str, token: str, environment_id: str, results: Connection) -
     """
     with connect(url, max_size=None) as socket:
         socket.send(
-            messages.encode(messages.Hello(messages.PROTOCOL_VERSION, token, "benchmark", emulated=True))
+            messages.encode_message(
+                messages.Hello(messages.PROTOCOL_VERSION, token, "benchmark", emulated=True)
+            )
         )
         results.send(_Client(socket, environment_id).run())
 
@@ -315,31 +324,31 @@ class _Client:
         self._phase, self._states = "", 0
         self._over = Event()
 
-    def run(self) -> RoundTrips:
-        self._send(messages.Entered())
+    def run(self) -> RoundTripTimes:
+        self._send(messages.VrEntered())
         sender = Thread(target=self._track)
         sender.start()
         while not self._over.is_set():
-            self._take(messages.decode_server(bytes(self._socket.recv(decode=False))))
+            self._take(messages.decode_server_message(bytes(self._socket.recv(decode=False))))
         sender.join()
         return {n: (self._sent[n], came) for n, came in self._came.items() if n in self._sent}
 
     def _take(self, message: messages.ServerMessage) -> None:
-        if isinstance(message, messages.StateChange):
+        if isinstance(message, messages.WorldStateChange):
             self._take_state(message)
         elif isinstance(message, messages.Scene):
             self._send(messages.SceneLoaded(message.url))
-        elif isinstance(message, messages.Phase):
+        elif isinstance(message, messages.PhaseDescription):
             self._phase = message.name
             if message.name == "free_after":
                 self._over.set()
 
-    def _take_state(self, state: messages.StateChange) -> None:
+    def _take_state(self, state: messages.WorldStateChange) -> None:
         if self._phase == "trial":
             self._came.setdefault(state.tracking_sequence, time.monotonic())
         self._states += 1
         if self._states % messages.STATES_PER_RECEIPT == 0:
-            self._send(messages.Receipt(self._states))
+            self._send(messages.StateReceipt(self._states))
 
     def _track(self) -> None:
         participant = SimulatedParticipant(sample_participant_traits("woman", 0), 0)
@@ -347,19 +356,22 @@ class _Client:
         began = due = time.monotonic()
         while not self._over.is_set():
             moving = self._phase not in ("calibration", "")
-            frame = participant.tracking_frame(due - began, moving=moving)
+            frame = participant.make_tracking_frame(due - began, moving=moving)
             self._sent[frame.sequence] = time.monotonic()
             self._send(frame)
-            if self._phase in ("calibration", "check", "paused") and frame.sequence % round(TRACKING_HZ) == 0:
-                self._send(messages.Ready())
-            due += 1.0 / TRACKING_HZ
+            if (
+                self._phase in ("calibration", "check", "paused")
+                and frame.sequence % round(TRACKING_RATE_HZ) == 0
+            ):
+                self._send(messages.ParticipantReady())
+            due += 1.0 / TRACKING_RATE_HZ
             time.sleep(max(0.0, due - time.monotonic()))
 
     def _send(self, message: messages.Message) -> None:
-        self._socket.send(messages.encode(message))
+        self._socket.send(messages.encode_message(message))
 
 
-def _sum_up(environment_id: str, times: _Times, trips: RoundTrips) -> LiveLatencyResult:
+def _sum_up(environment_id: str, times: _Times, trips: RoundTripTimes) -> LiveLatencyResult:
     whole = [n for n in trips if n in times.arrived and n in times.taken and n in times.answered]
     sent, came = (np.array([trips[n][i] for n in whole]) for i in (0, 1))
     arrived, taken, answered = (
@@ -410,20 +422,20 @@ def _late_running(late: list[LateTick], stood_still: list[TimeSpan]) -> list[Lat
         if tick.due_s > next_s + 0.5 * TICK_S:
             began_s = tick.due_s
         next_s = tick.due_s + (1 + tick.missed_ticks) * TICK_S
-        if tick.ended_s - tick.due_s - TICK_S > overlap_s(stood_still, began_s, tick.ended_s):
+        if tick.ended_s - tick.due_s - TICK_S > compute_overlap_s(stood_still, began_s, tick.ended_s):
             running.append(tick)
     return running
 
 
-def _spread(seconds: FloatArray) -> Percentiles:
-    return {name: float(1000.0 * np.percentile(seconds, share)) for name, share in PERCENTILES.items()}
+def _spread(seconds: FloatArray) -> PercentilesMs:
+    return {name: float(1000.0 * np.percentile(seconds, share)) for name, share in PERCENTILE_LEVELS.items()}
 
 
 def _undisturbed(
     stood_still: list[TimeSpan] | None, began_s: FloatArray, took_s: FloatArray
-) -> Percentiles | None:
+) -> PercentilesMs | None:
     """Returns percentiles of the durations of events without CPU steal; ``None`` without such events."""
     if stood_still is None:
         return None
-    alone = overlaps_no_span(stood_still, began_s, began_s + took_s)
+    alone = find_undisturbed_periods(stood_still, began_s, began_s + took_s)
     return _spread(took_s[alone]) if alone.any() else None

@@ -8,7 +8,7 @@ import numpy as np
 from websockets.sync.client import ClientConnection, connect
 
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Steer, XRPose
+from avrgym.vr.protocol.messages import ControllerPoseCommand, XRPose
 
 STEERING_HZ = 90.0
 """Number of steering messages per second."""
@@ -34,12 +34,12 @@ def _steer_until_end(socket: ClientConnection) -> list[float]:
     sender.start()
     states = 0
     while not over.is_set():
-        message = messages.decode_server(bytes(socket.recv(decode=False)))
-        if isinstance(message, messages.StateChange):
+        message = messages.decode_server_message(bytes(socket.recv(decode=False)))
+        if isinstance(message, messages.WorldStateChange):
             states += 1
             if states % messages.STATES_PER_RECEIPT == 0:
-                _send(socket, messages.Receipt(states))
-        elif isinstance(message, messages.Phase):
+                _send(socket, messages.StateReceipt(states))
+        elif isinstance(message, messages.PhaseDescription):
             if message.name == "trial":
                 driving.set()
             elif message.name == "free_after":
@@ -57,10 +57,10 @@ def _steer(socket: ClientConnection, driving: Event, over: Event, sent: list[flo
         x, y = CIRCLE_RADIUS_M * np.sin(angle), 1.0 + CIRCLE_RADIUS_M * np.cos(angle)
         grip = XRPose((float(x), float(y), 0.0), LEVEL)
         sent.append(time.monotonic())
-        _send(socket, Steer(clutch=True, grip=grip, xr_from_world=view, scale=1.0))
+        _send(socket, ControllerPoseCommand(clutch=True, grip=grip, xr_from_world=view, scale=1.0))
         due += 1.0 / STEERING_HZ
         time.sleep(max(0.0, due - time.monotonic()))
 
 
 def _send(socket: ClientConnection, message: messages.Message) -> None:
-    socket.send(messages.encode(message))
+    socket.send(messages.encode_message(message))

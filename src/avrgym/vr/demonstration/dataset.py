@@ -8,18 +8,18 @@ import numpy as np
 
 from avrgym.array_types import BoolArray
 from avrgym.learning.lerobot_dataset import DatasetEpisode, write_dataset
-from avrgym.models.cameras import image_entries, parse_cameras
-from avrgym.policies.names import OPERATOR_POLICY
-from avrgym.recording.dataset import recorded_episode
+from avrgym.models.cameras import list_image_formats, parse_cameras
+from avrgym.policies.policy_names import OPERATOR_POLICY_NAME
+from avrgym.recording.dataset import make_dataset_episode
 from avrgym.recording.reader import Recording, RecordingError, read_recording
-from avrgym.recording.world import render_recorded_images
+from avrgym.recording.recorded_world import render_recorded_images
 from avrgym.system.files import write_folder_atomically
-from avrgym.tasks.registry import task_and_scene
+from avrgym.tasks.registry import find_task_and_scene
 from avrgym.tasks.settings import Settings
-from avrgym.vr.demonstration.storage import TABLE_FILE, read_table
+from avrgym.vr.demonstration.storage import TABLE_FILE, read_episode_table
 
 
-def write_demonstrations(
+def write_lerobot_dataset(
     source: Path,
     out: Path,
     cameras: Sequence[str] = (),
@@ -45,7 +45,7 @@ def write_demonstrations(
         raise ValueError(f"{source} contains no {TABLE_FILE}; allowed: a folder of `avrgym demonstrate`")
     rows = [
         row
-        for row in read_table(source / TABLE_FILE)
+        for row in read_episode_table(source / TABLE_FILE)
         if (row["result"], row["success"]) == ("completed", "True")
     ]
     if not rows:
@@ -64,20 +64,22 @@ def write_demonstrations(
     settings = readable[0][1]
     if any(other != settings for _, other in readable):
         raise ValueError(f"{source} contains recordings with different settings; allowed: equal settings")
-    task, scene = task_and_scene(rows[0]["environment"], settings)
+    task, scene = find_task_and_scene(rows[0]["environment"], settings)
     chosen = parse_cameras(cameras, scene.robot)
 
     def episodes() -> Generator[DatasetEpisode]:
         for number, (row, _) in enumerate(readable, start=1):
             recording = _read(source, row)
             frames = [*render_recorded_images(recording, chosen)] if chosen else []
-            images = {name: np.stack([frame[name] for frame in frames]) for name in image_entries(chosen)}
+            images = {
+                name: np.stack([frame[name] for frame in frames]) for name in list_image_formats(chosen)
+            }
             labels = {f"demonstration/{name}": value for name, value in row.items()}
-            yield recorded_episode(recording, images, labels, {}, _interventions(recording))
+            yield make_dataset_episode(recording, images, labels, {}, _interventions(recording))
             progress(number, len(readable))
 
     about: dict[str, Any] = {
-        "observation": task.observation(scene),
+        "observation": task.make_observation_spec(scene),
         "scene": scene,
         "control_hz": settings.control_hz,
     }
@@ -88,7 +90,7 @@ def write_demonstrations(
 def _read(source: Path, row: dict[str, str]) -> Recording:
     """Returns the recording of the episode in a table row. Raises ``RecordingError`` if it is incomplete."""
     recording = read_recording(source / row["recording"])
-    if not recording.complete:
+    if not recording.is_complete:
         raise RecordingError("the recording is incomplete; allowed: complete recordings")
     return recording
 
@@ -98,5 +100,8 @@ def _interventions(recording: Recording) -> BoolArray:
     policy = recording.configuration.policy
     steps = [control for _, control in recording.messages_by_topic["/control"]]
     return np.array(
-        [policy != OPERATOR_POLICY and control.driver != policy and not control.idle for control in steps]
+        [
+            policy != OPERATOR_POLICY_NAME and control.driver != policy and not control.idle
+            for control in steps
+        ]
     )

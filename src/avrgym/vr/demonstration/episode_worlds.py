@@ -7,7 +7,7 @@ from avrgym.models.human import SEXES, Person
 from avrgym.people import impairments
 from avrgym.people.population_names import ImpairmentName
 from avrgym.people.populations import Population, find_populations
-from avrgym.policies.names import OPERATOR_POLICY
+from avrgym.policies.policy_names import OPERATOR_POLICY_NAME
 from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.system import random_streams
 from avrgym.tasks.constants import EPISODE_STEPS
@@ -15,7 +15,7 @@ from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.live_world.world import LiveWorld
-from avrgym.vr.session.trial_worlds import resting_person
+from avrgym.vr.session.trial_worlds import make_resting_person
 
 MAX_PERSON_SAMPLES = 100
 """Maximum number of people that are sampled for one episode. A sampled person is rejected if the robot lacks space."""
@@ -25,20 +25,21 @@ MAX_PERSON_SAMPLES = 100
 class DemonstrationPlan:
     """Settings of a demonstration session.
 
-    ``people``: names of populations, used in turn. ``episodes``: number of episodes to record; ``None``: unlimited.
-    ``steps``: maximum length of an episode in control steps. ``force_guard``: see ``safety.force_guard``. ``policy``:
-    name of a policy that drives the robot until the operator takes over; ``operator``: no policy drives.
+    ``population_names``: names of populations, used in turn. ``episodes``: number of episodes to record; ``None``:
+    unlimited. ``steps``: maximum length of an episode in control steps. ``has_force_guard``: see
+    ``safety.has_force_guard``. ``policy``: name of a policy that drives the robot until the operator takes over;
+    ``operator``: no policy drives.
     """
 
     environment: str
-    people: tuple[str, ...] = ("revised",)
+    population_names: tuple[str, ...] = ("revised",)
     impairment: str = "none"
     episodes: int | None = None
     steps: int = EPISODE_STEPS
     seed: int = 0
-    force_guard: bool = True
+    has_force_guard: bool = True
     settings: Settings = DEFAULT_SETTINGS
-    policy: str = OPERATOR_POLICY
+    policy: str = OPERATOR_POLICY_NAME
     populations: tuple[Population, ...] = field(init=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -46,7 +47,7 @@ class DemonstrationPlan:
         names."""
         find_environment(self.environment)
         impairments.parse_impairment(self.impairment)
-        found = [population for name in self.people for population in find_populations(name, TASKS)]
+        found = [population for name in self.population_names for population in find_populations(name, TASKS)]
         object.__setattr__(self, "populations", tuple(found))
 
 
@@ -54,13 +55,13 @@ class DemonstrationPlan:
 class EpisodeWorld:
     """A world at the start of an episode, with its simulated person.
 
-    ``sample``: number of the sampled person, from 0. ``seed``: seed of person and initial state. ``people`` and
-    ``impairment``: names of population and impairment.
+    ``person_sample_number``: number of the sampled person, from 0. ``seed``: seed of person and initial state.
+    ``population_name`` and ``impairment``: names of population and impairment.
     """
 
-    sample: int
+    person_sample_number: int
     seed: int
-    people: str
+    population_name: str
     impairment: ImpairmentName
     participant: SimulatedParticipant
     world: LiveWorld
@@ -76,17 +77,17 @@ class EpisodeWorldPreparation:
         self._request()
 
     @property
-    def ready(self) -> bool:
+    def is_ready(self) -> bool:
         """Whether the next world is built."""
         return self._future.done()
 
-    def take(self) -> EpisodeWorld:
+    def pop_world(self) -> EpisodeWorld:
         """Returns the next world, and starts to build the world after it.
 
         If building the world raised an error, raises this error.
         """
         built = self._future.result()
-        self._next_sample = built.sample + 1
+        self._next_sample = built.person_sample_number + 1
         self._request()
         return built
 
@@ -115,16 +116,16 @@ def build_world(plan: DemonstrationPlan, first_sample: int) -> EpisodeWorld:
 
 
 def _build(plan: DemonstrationPlan, sample: int) -> EpisodeWorld:
-    random = random_streams.demonstration_session_generator(plan.seed, sample)
+    random = random_streams.make_demonstration_session_rng(plan.seed, sample)
     seed, sex = int(random.integers(2**31)), SEXES[int(random.integers(len(SEXES)))]
     population = plan.populations[sample % len(plan.populations)]
-    impairment = population.effective_impairment(impairments.parse_impairment(plan.impairment))
+    impairment = population.choose_impairment(impairments.parse_impairment(plan.impairment))
     traits = sample_participant_traits(
         sex, seed, population.distribution, impairment, population.trained_policy
     )
     participant = SimulatedParticipant(traits, seed)
     participant.adopt_posture(plan.environment, plan.settings)
-    person = resting_person(plan.environment, Person(sex, traits.torso_height_m), plan.settings)
+    person = make_resting_person(plan.environment, Person(sex, traits.torso_height_m), plan.settings)
     world = LiveWorld(plan.environment, person, plan.settings)
     world.reset(seed)
     return EpisodeWorld(sample, seed, population.name, impairment, participant, world)

@@ -10,25 +10,25 @@ import msgspec
 import numpy as np
 
 from avrgym.models.human import Person
-from avrgym.policies.names import OPERATOR_POLICY
-from avrgym.policies.registry import used_controller_plugin
+from avrgym.policies.policy_names import OPERATOR_POLICY_NAME
+from avrgym.policies.registry import find_used_controller_plugin
 from avrgym.recording import schema
 from avrgym.recording.configuration import TrialConfiguration
 from avrgym.recording.schema import AttemptEnd
 from avrgym.tasks.control_loop import FirstWorldStep
-from avrgym.tasks.registry import find_environment, plugins_of, task_goal
+from avrgym.tasks.registry import find_environment, find_plugins, get_goal_description
 from avrgym.tasks.settings import Settings
 from avrgym.vr.demonstration.episode_worlds import DemonstrationPlan, EpisodeWorldPreparation
-from avrgym.vr.demonstration.storage import DemonstrationFolder, EpisodeRow, Result
+from avrgym.vr.demonstration.storage import DemonstrationFolder, EpisodeResult, EpisodeRow
 from avrgym.vr.emulation.in_process_client import TRACKING_INTERVAL_TICKS
 from avrgym.vr.live_world.drivers import OperatorDriver
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import ReceivedMessage, SendMessage
+from avrgym.vr.protocol.messages import MessageSender, ReceivedMessage
 from avrgym.vr.protocol.webxr import Registration
-from avrgym.vr.session.attempt import Attempt, attempt_configuration
+from avrgym.vr.session.attempt import Attempt, make_attempt_configuration
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
-from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS, StateReporter, make_viewing_status
+from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS, StateReporter, make_viewer_status
 from avrgym.vr.tracking.tracking_state import TrackingState
 
 DEMONSTRATION_RESULT_EVENT = "demonstration"
@@ -38,9 +38,9 @@ PERSON_UPDATE_INTERVAL_TICKS = 10
 
 
 class DemonstrationSession:
-    """Runs and records the episodes at 100 Hz; implements ``Runnable``.
+    """Runs and records the episodes at 100 Hz; implements ``RealTimeSession``.
 
-    ``stage``: ``preparing`` (the next world is built), ``ready`` (waits for the start), ``running`` or ``finished``.
+    ``stage``: ``preparing`` (the next world is built), ``is_ready`` (waits for the start), ``running`` or ``finished``.
     ``world``: the current world.
     """
 
@@ -48,7 +48,7 @@ class DemonstrationSession:
         self,
         plan: DemonstrationPlan,
         folder: DemonstrationFolder,
-        send: SendMessage,
+        send: MessageSender,
         workers: Executor,
         *,
         driver: OperatorDriver | None = None,
@@ -75,8 +75,8 @@ class DemonstrationSession:
         self._driven_by = driven_by
         self._driver = driver or OperatorDriver()
         self._failure_message = ""
-        self._plugins = plugins_of(plan.environment)
-        used = used_controller_plugin(plan.policy)
+        self._plugins = find_plugins(plan.environment)
+        used = find_used_controller_plugin(plan.policy)
         if used is not None:
             self._plugins = (*self._plugins, used)
         self._reporter = StateReporter(send)
@@ -93,11 +93,11 @@ class DemonstrationSession:
         return self._current.world
 
     @property
-    def at_rest(self) -> bool:
+    def is_at_rest(self) -> bool:
         """Whether no episode runs. The robot and the person then do not move."""
         return self.stage != "running"
 
-    def send_initial_state(self, send: SendMessage, role: messages.Role, now_s: float) -> None:
+    def send_initial_state(self, send: MessageSender, role: messages.Role, now_s: float) -> None:
         """Send welcome, scene, phase and progress to a new connection with this role."""
         name = self.plan.environment
         send(messages.Welcome(messages.PROTOCOL_VERSION, name, role, haptics=True, sounds=True))
@@ -108,19 +108,19 @@ class DemonstrationSession:
     def receive(self, message: ReceivedMessage, now_s: float) -> None:
         """Handle a message of a client; ignores messages that only other sessions use."""
         match message:
-            case messages.Demonstrate():
+            case messages.DemonstrationCommand():
                 self._press(message.button)
-            case messages.Drive():
-                self._refuse(self._driver.apply_command(message, now_s), message.source)
-            case messages.Steer():
-                self._refuse(self._driver.apply_steering(message, now_s), "demonstrator")
+            case messages.VelocityCommand():
+                self._refuse(self._driver.apply_velocity_command(message, now_s), message.source)
+            case messages.ControllerPoseCommand():
+                self._refuse(self._driver.apply_controller_pose(message, now_s), "demonstrator")
             case messages.DemonstratorDisconnected():
                 self._release("driver_left")
-            case messages.Command(name="stop"):
+            case messages.ExperimenterCommand(name="stop"):
                 self._driver.stop_robot()
-            case messages.Command(name="skip"):
+            case messages.ExperimenterCommand(name="skip"):
                 self._press("discard")
-            case messages.Command(name="end"):
+            case messages.ExperimenterCommand(name="end"):
                 self._end_episode("discarded")
                 self._change_stage("finished")
             case _:
@@ -135,7 +135,7 @@ class DemonstrationSession:
         step = None
         if self.stage in ("ready", "running"):
             step = self._advance()
-        elif self.stage == "preparing" and self._worlds.ready:
+        elif self.stage == "preparing" and self._worlds.is_ready:
             self._enter_next_world()
         if self._ticks % STATUS_INTERVAL_TICKS == 0:
             self._send(self._status())
@@ -175,20 +175,20 @@ class DemonstrationSession:
 
     def _release(self, event: str) -> None:
         """Stop the robot, because its operator left or sends nothing. ``event``: name of the recorded event."""
-        driver = self._driver.holder
+        driver = self._driver.active_operator
         self._driver.stop_robot()
         if self.attempt is not None and driver:
-            force_n = float(self.world.simulation.tool_force_n()[0])
+            force_n = float(self.world.simulation.get_tool_net_force_n()[0])
             self._record_event(event, f"{driver}; contact force of the tool {force_n:.1f} N")
 
     # Episodes --------------------------------------------------------------------------------------------------------
 
     def _enter_next_world(self) -> None:
-        self._current = self._worlds.take()
+        self._current = self._worlds.pop_world()
         world, participant = self._current.world, self._current.participant
         self._tracking = TrackingState()
         self.scenes.append((world.environment_id, world.person, world.settings))
-        world.prepare_driver(self._driver, force_guard=self.plan.force_guard)
+        world.prepare_driver(self._driver, force_guard=self.plan.has_force_guard)
         scene = self._scene()
         participant.receive(scene)
         self._send(scene)
@@ -196,9 +196,9 @@ class DemonstrationSession:
 
     def _leave_world(self) -> None:
         planned = self.plan.episodes
-        if planned is not None and self._folder.count("completed") >= planned:
+        if planned is not None and self._folder.count_episodes("completed") >= planned:
             self._change_stage("finished")
-        elif self._worlds.ready:
+        elif self._worlds.is_ready:
             self._enter_next_world()
         else:
             self._change_stage("preparing")
@@ -207,11 +207,11 @@ class DemonstrationSession:
         world, attempt = self.world, self.attempt
         moving = self.stage == "running"
         if self._ticks % TRACKING_INTERVAL_TICKS == 0:
-            frame = self._current.participant.tracking_frame(self._now_s, moving=moving)
+            frame = self._current.participant.make_tracking_frame(self._now_s, moving=moving)
             self._tracking.add_frame(frame, self._now_s)
             if self._tracking.registration is None and frame.head is not None:
                 self._tracking.determine_registration(frame.head, world.person, world.scene_config.posture)
-        followed = self._tracking.update(world.task.tracked, self._now_s)
+        followed = self._tracking.update(world.task.tracked_body_parts, self._now_s)
         if followed.target_pose is not None:
             world.follow_pose(followed.target_pose)
         if attempt is not None:
@@ -222,7 +222,7 @@ class DemonstrationSession:
             attempt.record_physics(world, self._now_s)
         self._reporter.tick(world, self._tracking, step)
         if moving and self._ticks % PERSON_UPDATE_INTERVAL_TICKS == 0:
-            self._current.participant.receive(self._reporter.state(world, self._tracking))
+            self._current.participant.receive(self._reporter.make_state(world, self._tracking))
         return step
 
     def _begin_episode(self) -> None:
@@ -230,8 +230,8 @@ class DemonstrationSession:
         world.stop_robot()
         try:
             self.attempt = Attempt(
-                self._folder.recordings,
-                self._folder.count("completed") + 1,
+                self._folder.recordings_folder,
+                self._folder.count_episodes("completed") + 1,
                 self._configuration,
                 self._now_s,
             )
@@ -245,7 +245,7 @@ class DemonstrationSession:
             return
         self._tracking.pop_arrived_frames()
         self.attempt.record_physics(world, self._now_s)
-        world.prepare_driver(self._driver, force_guard=self.plan.force_guard)
+        world.prepare_driver(self._driver, force_guard=self.plan.has_force_guard)
         self._mark = self._failure_message = ""
         self._record_event("phase", "trial")
         self._change_stage("running")
@@ -254,7 +254,7 @@ class DemonstrationSession:
         attempt = self.attempt
         if attempt is None:
             return
-        attempt.record_step(step, self._driver.driven_by, self._driver.idle, self._now_s)
+        attempt.record_step(step, self._driver.latest_operator, self._driver.is_idle, self._now_s)
         self._record_policy_failure()
         if attempt.recording_error is not None:
             self._send(
@@ -280,7 +280,7 @@ class DemonstrationSession:
             problem = f"the robot holds its position, because its policy failed: {failure}; drive it yourself"
             self._send(messages.Problem(problem, "experimenter"))
 
-    def _end_episode(self, result: Result) -> None:
+    def _end_episode(self, result: EpisodeResult) -> None:
         """End a running episode. Store its recording and its row in the table."""
         attempt, self.attempt = self.attempt, None
         self._driver.stop_robot()
@@ -302,9 +302,9 @@ class DemonstrationSession:
             attempt=attempt.number,
             recording=str(attempt.recording_file.relative_to(self._folder.folder)),
             environment=self.plan.environment,
-            people=self._current.people,
+            people=self._current.population_name,
             impairment=self._current.impairment,
-            sample=self._current.sample,
+            sample=self._current.person_sample_number,
             seed=self._current.seed,
             sex=person.sex,
             torso_height_m=person.torso_height_m,
@@ -312,29 +312,31 @@ class DemonstrationSession:
             success=marked,
             task_success=attempt.success,
             steps=attempt.steps,
-            driven_by=self._driven_by or self._driver.driven_by,
+            driven_by=self._driven_by or self._driver.latest_operator,
         )
-        self._folder.append(row)
+        self._folder.append_episode(row)
 
     def _configuration(self, number: int) -> TrialConfiguration:
         plan, world = self.plan, self.world
-        trial = TrialPlan(plan.environment, plan.policy, self._current.seed, practice=False, items=())
+        trial = TrialPlan(
+            plan.environment, plan.policy, self._current.seed, practice=False, questionnaire_items=()
+        )
         session = SessionPlan(
             [trial],
             world.person.sex,
             0.0,
-            simulated=True,
+            is_simulated=True,
             trial_steps=plan.steps,
-            force_guard=plan.force_guard,
-            withdraw_after_success=False,
+            has_force_guard=plan.has_force_guard,
+            withdraw_tool_after_success=False,
             settings=plan.settings,
         )
         registration = self._tracking.registration or self._floor
         place = registration.xr_from_world()
-        made = attempt_configuration(
+        made = make_attempt_configuration(
             session, 0, number, world, place, self._folder.folder.name, self._plugins
         )
-        return msgspec.structs.replace(made, trial_number=self._folder.count("completed") + 1)
+        return msgspec.structs.replace(made, trial_number=self._folder.count_episodes("completed") + 1)
 
     def _record_event(self, name: str, detail: str) -> None:
         if self.attempt is not None:
@@ -348,38 +350,40 @@ class DemonstrationSession:
         self._send(self._progress())
 
     def _scene(self) -> messages.Scene:
-        return self.world.scene_message(len(self.scenes) - 1, self._floor)
+        return self.world.make_scene_message(len(self.scenes) - 1, self._floor)
 
-    def _phase(self) -> messages.Phase:
+    def _phase(self) -> messages.PhaseDescription:
         text = f"{self.plan.environment}: {self.stage}"
-        return messages.Phase(name="viewing", text=text, trial=0, trials=0, practice=False, seconds=None)
+        return messages.PhaseDescription(
+            name="viewing", text=text, trial=0, trials=0, practice=False, seconds=None
+        )
 
     def _progress(self) -> messages.DemonstrationProgress:
         folder = self._folder
         return messages.DemonstrationProgress(
             stage=self.stage,
-            goal=task_goal(find_environment(self.plan.environment)[0], self.plan.settings),
+            goal=get_goal_description(find_environment(self.plan.environment)[0], self.plan.settings),
             episodes=self.plan.episodes,
-            completed=folder.count("completed"),
-            successes=folder.count("completed", success=True),
-            discarded=folder.count("discarded"),
+            completed=folder.count_episodes("completed"),
+            successes=folder.count_episodes("completed", success=True),
+            discarded=folder.count_episodes("discarded"),
             seconds=self.plan.steps / self.plan.settings.control_hz,
-            policy="" if self.plan.policy == OPERATOR_POLICY else self.plan.policy,
+            policy="" if self.plan.policy == OPERATOR_POLICY_NAME else self.plan.policy,
         )
 
-    def _status(self) -> messages.Status:
+    def _status(self) -> messages.SessionStatus:
         attempt, world = self.attempt, self.world
-        return make_viewing_status(
+        return make_viewer_status(
             world.simulation,
             attempt.latest_step if attempt else None,
             environment=self.plan.environment,
             torso_height_m=world.person.torso_height_m,
-            episode=self._folder.count("completed") + 1,
+            episode=self._folder.count_episodes("completed") + 1,
             step=attempt.steps if attempt else 0,
             steps=self.plan.steps,
-            reward=attempt.reward if attempt else 0.0,
+            reward=attempt.total_reward if attempt else 0.0,
             success=attempt.success if attempt else False,
             operated=True,
-            idle=self._driver.idle,
+            idle=self._driver.is_idle,
             retracting=world.guard is not None and bool(world.guard.retracting_mask[0]),
         )

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Literal
 
 TABLE_FILE = "demonstrations.csv"
-RECORDINGS = "recordings"
+RECORDINGS_FOLDER = "recordings"
 
-Result = Literal["completed", "discarded", "interrupted"]
+EpisodeResult = Literal["completed", "discarded", "interrupted"]
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class EpisodeRow:
     seed: int
     sex: str
     torso_height_m: float
-    result: Result
+    result: EpisodeResult
     success: bool
     task_success: bool
     steps: int
@@ -62,8 +62,8 @@ class DemonstrationFolder:
         self.folder, self._table = folder, folder / TABLE_FILE
         if folder.exists() and not self._table.is_file() and any(folder.iterdir()):
             raise ValueError(f"{folder} contains other files; give --out an empty or new folder")
-        self.rows = read_table(self._table) if self._table.is_file() else []
-        others = {row["environment"] for row in self.rows} - {environment}
+        self.episode_rows = read_episode_table(self._table) if self._table.is_file() else []
+        others = {row["environment"] for row in self.episode_rows} - {environment}
         if others:
             raise ValueError(
                 f"{folder} contains demonstrations of {', '.join(sorted(others))}; give --out another folder"
@@ -74,32 +74,32 @@ class DemonstrationFolder:
                 csv.writer(file).writerow([field.name for field in fields(EpisodeRow)])
 
     @property
-    def recordings(self) -> Path:
+    def recordings_folder(self) -> Path:
         """The subfolder that contains the recordings of all episodes."""
-        return self.folder / RECORDINGS
+        return self.folder / RECORDINGS_FOLDER
 
     @property
     def num_samples(self) -> int:
         """Number of people that were sampled for the episodes in the table."""
-        return max((int(row["sample"]) + 1 for row in self.rows), default=0)
+        return max((int(row["sample"]) + 1 for row in self.episode_rows), default=0)
 
-    def count(self, result: Result, *, success: bool | None = None) -> int:
+    def count_episodes(self, result: EpisodeResult, *, success: bool | None = None) -> int:
         """Returns the number of episodes with this result.
 
         ``success``: if given, only episodes with this mark of the operator are included.
         """
         marks = {None: ("True", "False"), True: ("True",), False: ("False",)}[success]
-        return sum(row["result"] == result and row["success"] in marks for row in self.rows)
+        return sum(row["result"] == result and row["success"] in marks for row in self.episode_rows)
 
-    def append(self, row: EpisodeRow) -> None:
+    def append_episode(self, row: EpisodeRow) -> None:
         """Add an episode to the end of the table. Raises ``OSError`` if it cannot be written."""
         values = {name: str(value) for name, value in asdict(row).items()}
         with self._table.open("a", newline="", encoding="utf-8") as file:
             csv.writer(file).writerow(values.values())
-        self.rows.append(values)
+        self.episode_rows.append(values)
 
 
-def read_table(table: Path) -> list[dict[str, str]]:
+def read_episode_table(table: Path) -> list[dict[str, str]]:
     """Returns the rows of a table: texts by column. Raises ``ValueError`` if the table has other columns."""
     with table.open(newline="", encoding="utf-8") as file:
         reader = csv.DictReader(file)

@@ -11,7 +11,7 @@ from typing import Any
 
 from avrgym.vr.emulation.in_process_client import CALIBRATION_STILL_TIME_S
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant
-from avrgym.vr.protocol.messages import Tracking, XRPose
+from avrgym.vr.protocol.messages import TrackingFrameMessage, XRPose
 from avrgym.vr.session.session import Session
 
 CHROMIUM_NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -37,7 +37,7 @@ _SHOW_CONTROLS = """(visibility) => {
 Playwright."""
 PAGE_TIMEOUT_S = 60.0
 """Timeout of requests to the page, in seconds."""
-MAX_PHASE_S = 600.0
+MAX_PHASE_DURATION_S = 600.0
 """Maximum duration of a session's phase in seconds. It is sufficient for a slow computer."""
 
 
@@ -112,7 +112,7 @@ class EmulatedHeadset:
         self.page.get_by_role("button", name="Enter VR").click()
         self.page.wait_for_function("() => window.avrgymEmulator.presenting()")
 
-    def set_poses(self, frame: Tracking, *, right: bool = True) -> None:
+    def set_poses(self, frame: TrackingFrameMessage, *, right: bool = True) -> None:
         """Set the poses of headset and controllers. ``right``: whether the right controller moves too."""
         poses = {"head": _plain(frame.head), "left": _plain(frame.left)}
         self.call_emulator("setPoses", poses | ({"right": _plain(frame.right)} if right else {}))
@@ -192,7 +192,7 @@ class EmulatedHeadset:
         self.call_emulator("lookAt", (x, y, z))
         self.wait_for_frames(3)
 
-    def screenshot(self, path: Path) -> Path:
+    def save_screenshot(self, path: Path) -> Path:
         """Saves the participant's view of both eyes as an image. Returns its path."""
         self.page.evaluate(_SHOW_CONTROLS, "hidden")
         self.page.screenshot(path=path)
@@ -200,7 +200,7 @@ class EmulatedHeadset:
         return path
 
 
-BACK_BUTTON, DONE_BUTTON, AGAIN_BUTTON, CONTINUE_BUTTON = -1, -2, -3, -4
+BACK_BUTTON_VALUE, DONE_BUTTON_VALUE, AGAIN_BUTTON_VALUE, CONTINUE_BUTTON_VALUE = -1, -2, -3, -4
 """Values of panel buttons that are not answers; see the client's ``paint-panel.ts``."""
 SCREENSHOT_DELAY_S = {"trial": 4.0}
 """Delay in seconds from the start of a phase to the screenshot of the participant's view, by phase."""
@@ -246,15 +246,16 @@ class BrowserClient:
             TimeoutError: if a phase of the session lasts more than ten minutes.
         """
         headset, began = self._headset, time.monotonic()
-        headset.set_poses(self._participant.tracking_frame(0.0, moving=False))
+        headset.set_poses(self._participant.make_tracking_frame(0.0, moving=False))
         headset.enter_vr()
         while self._phase[0] != "finished":
             now = time.monotonic() - began
             phase, question = headset.call_emulator("phaseAndQuestion")
             self._notice(phase, now)
-            if now - self._changed_s > MAX_PHASE_S:
+            if now - self._changed_s > MAX_PHASE_DURATION_S:
                 raise TimeoutError(
-                    f"the session has been in phase {self._phase[0]!r} for {MAX_PHASE_S:.0f} s, the maximum; read the "
+                    f"the session has been in phase {self._phase[0]!r} for {MAX_PHASE_DURATION_S:.0f} s, the "
+                    f"maximum; read the "
                     "server's messages, then start again"
                 )
             self._act(question, now)
@@ -268,12 +269,12 @@ class BrowserClient:
             self._asked = ""
             plan = self._session.plan
             trial = plan.trials[max(found[1] - 1, 0)]
-            self._participant.adopt_posture(trial.environment, plan.settings_of(trial))
+            self._participant.adopt_posture(trial.environment, plan.find_trial_settings(trial))
             self._log(f"{found[0].replace('_', ' ')} (trial {found[1]} of {phase['trials']})")
 
     def _act(self, question: dict[str, Any] | None, now_s: float) -> None:
         name, _ = self._phase
-        frame = self._participant.tracking_frame(
+        frame = self._participant.make_tracking_frame(
             now_s, moving=name != "calibration", watching=name == "trial"
         )
         self._headset.set_poses(frame, right=question is None and name != "confirm")
@@ -286,7 +287,7 @@ class BrowserClient:
             self._headset.press_menu("right")
         if name == "confirm" and self._asked != name and self._headset.call_emulator("buttons"):
             self._asked = name
-            self._headset.select_answer(DONE_BUTTON)
+            self._headset.select_answer(DONE_BUTTON_VALUE)
         if (
             question is not None
             and question["item"] != self._asked
@@ -305,7 +306,7 @@ class BrowserClient:
             and now_s - self._phase_began > after_s
             and self._picture not in self.screenshots
         ):
-            self.screenshots.append(self._headset.screenshot(self._picture))
+            self.screenshots.append(self._headset.save_screenshot(self._picture))
 
     @property
     def _picture(self) -> Path:

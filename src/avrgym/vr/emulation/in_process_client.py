@@ -33,9 +33,9 @@ class InProcessClient:
     def receive(self, message: Message) -> None:
         """Handle a message that the session sends to the participant."""
         self._participant.receive(message)
-        if isinstance(message, messages.RobotCommands):
-            self._participant.commands.receive(message, self._now_s)
-        if isinstance(message, messages.Phase):
+        if isinstance(message, messages.AvailableRobotCommands):
+            self._participant.command_generator.receive(message, self._now_s)
+        if isinstance(message, messages.PhaseDescription):
             self._heard_s, self._question = self._now_s, None
             if message.trial != self._trial:
                 self._trial, self._tries = message.trial, 0
@@ -53,14 +53,14 @@ class InProcessClient:
         Raises:
             RuntimeError: if a trial does not start. The message contains the latest problem that the session reported.
         """
-        session.receive(messages.Entered(), self._now_s)
+        session.receive(messages.VrEntered(), self._now_s)
         tick = 0
         while session.phase_name != "finished":
             self._now_s = tick * TICK_S
             trial = session.plan.trials[max(self._trial - 1, 0)]
-            self._participant.adopt_posture(trial.environment, session.plan.settings_of(trial))
+            self._participant.adopt_posture(trial.environment, session.plan.find_trial_settings(trial))
             if tick % TRACKING_INTERVAL_TICKS == 0:
-                frame = self._participant.tracking_frame(
+                frame = self._participant.make_tracking_frame(
                     self._now_s, moving=session.phase_name != "calibration"
                 )
                 session.receive(frame, self._now_s)
@@ -90,10 +90,10 @@ class InProcessClient:
         if session.phase_name == "trial":
             self._command_robot(session)
         if session.phase_name == "confirm":
-            session.receive(messages.Ready(), self._now_s)
+            session.receive(messages.ParticipantReady(), self._now_s)
 
     def _command_robot(self, session: Session) -> None:
-        given = self._participant.commands.due_command(self._now_s)
+        given = self._participant.command_generator.pop_due_command(self._now_s)
         if given is None:
             return
         command, source = given
@@ -101,7 +101,7 @@ class InProcessClient:
             case "nod" | "shake" | "gaze":
                 self._participant.begin_gesture(source, self._now_s)
             case "caregiver" | "experimenter":
-                session.receive(messages.WatcherRobotCommand(command, source, self._time_ms), self._now_s)
+                session.receive(messages.OtherPersonRobotCommand(command, source, self._time_ms), self._now_s)
             case _:
                 session.receive(messages.RobotCommand(command, source, self._time_ms), self._now_s)
 
@@ -115,4 +115,4 @@ class InProcessClient:
             session.close(self._now_s)
             raise RuntimeError(f"trial {self._trial} does not start: {self._problem}")
         self._heard_s = self._now_s
-        session.receive(messages.Ready(), self._now_s)
+        session.receive(messages.ParticipantReady(), self._now_s)

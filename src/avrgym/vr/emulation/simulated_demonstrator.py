@@ -13,10 +13,10 @@ from avrgym.policies.registry import ActionFunction
 from avrgym.policies.simulated_operator import TOUCH_DELAY_S, SimulatedOperator
 from avrgym.system import random_streams
 from avrgym.vr.live_world.world import LiveWorld
-from avrgym.vr.protocol.messages import TICK_S, Steer
+from avrgym.vr.protocol.messages import TICK_S, ControllerPoseCommand
 from avrgym.vr.protocol.webxr import Pose, Registration
 
-REACH_M = 0.35
+MAX_HAND_DISTANCE_M = 0.35
 """Maximum distance in metres of the hand from its comfortable position. Beyond it, the demonstrator opens the clutch
 and moves the hand back. The tool follows the hand only while the clutch is closed."""
 HAND_RETURN_DURATION_S = 0.5
@@ -44,39 +44,41 @@ class SimulatedDemonstrator:
 
     def __init__(self, seed: int, *, corrects: bool = False) -> None:
         self._corrects = corrects
-        self._random = random_streams.demonstrator_generator(seed)
+        self._random = random_streams.make_demonstrator_rng(seed)
         floor_w = np.array([*self._random.uniform(-1.0, 1.0, 2), 0.0])
         self._room = Registration(floor_w, float(self._random.uniform(-np.pi, np.pi)))
         self._view = self._room.xr_from_world()
         self._rest_w = floor_w + np.array([0.0, 0.0, 1.1])
 
-    def begin(self, world: LiveWorld) -> None:
+    def begin_episode(self, world: LiveWorld) -> None:
         """Begin an episode in a world. The clutch is open."""
         simulation = world.simulation
-        self._expert: ActionFunction = world.expert()
+        self._expert: ActionFunction = world.make_expert()
         self._hand = CartesianController(simulation)
         self._operator = SimulatedOperator([self._random], 6, world.settings.control_hz)
         names = simulation.bodies
         self._bodies = [
             names.index(SCENE_TOOL_BODY),
-            names.index(robot.PREFIX + simulation.scene.arm.end_effector),
+            names.index(robot.ROBOT_NAME_PREFIX + simulation.scene.arm.end_effector),
         ]
         self._pos_w, self._q_w = self._rest_w, transforms.IDENTITY_QUATERNION
         self._speed = np.zeros(6)
         self._acts_at_s, self._closes_at_s = -np.inf, 0.0
         self._releases_at_s = -np.inf if self._corrects else np.inf
-        self._tool_pos_w = simulation.body_poses(0)[self._bodies[0], :3]
+        self._tool_pos_w = simulation.get_body_poses(0)[self._bodies[0], :3]
         self._observed: deque[tuple[float, float]] = deque()
 
-    def steer(self, world: LiveWorld, now_s: float) -> Steer:
-        """Returns the message of the XR frame at this time. Call it once per tick, after ``begin``."""
+    def make_controller_message(self, world: LiveWorld, now_s: float) -> ControllerPoseCommand:
+        """Returns the message of the XR frame at this time. Call it once per tick, after ``begin_episode``."""
         if now_s >= self._acts_at_s:
             self._acts_at_s = now_s + 1.0 / world.settings.control_hz
             intended = self._expert_speed(world)
-            if world.simulation.tool_force_n()[0] > 0.0:
-                self._speed = self._operator.act(CONTACT_SPEED_SHARE * intended[None], TOUCH_DELAY_S)[0]
+            if world.simulation.get_tool_net_force_n()[0] > 0.0:
+                self._speed = self._operator.compute_commands(
+                    CONTACT_SPEED_SHARE * intended[None], TOUCH_DELAY_S
+                )[0]
             else:
-                self._speed = self._operator.act(intended[None])[0]
+                self._speed = self._operator.compute_commands(intended[None])[0]
             if now_s >= self._releases_at_s and self._is_off_path(world, intended[:3]):
                 self._releases_at_s = now_s + CORRECTION_DURATION_S
         clutch = self._closes_at_s <= now_s < self._releases_at_s
@@ -87,21 +89,23 @@ class SimulatedDemonstrator:
         elif now_s < self._closes_at_s:
             left_s = max(self._closes_at_s - now_s, TICK_S)
             self._pos_w = self._pos_w + TICK_S / left_s * (self._rest_w - self._pos_w)
-        if clutch and np.linalg.norm(self._pos_w - self._rest_w) > REACH_M:
+        if clutch and np.linalg.norm(self._pos_w - self._rest_w) > MAX_HAND_DISTANCE_M:
             self._closes_at_s = now_s + HAND_RETURN_DURATION_S
-        return Steer(clutch, self._room.from_world(Pose(self._pos_w, self._q_w)), self._view, 1.0)
+        return ControllerPoseCommand(
+            clutch, self._room.from_world(Pose(self._pos_w, self._q_w)), self._view, 1.0
+        )
 
     def _expert_speed(self, world: LiveWorld) -> FloatArray:
         """Returns the tool's linear and angular velocity (6,) with the expert's action, in m/s and rad/s in the world
         frame."""
-        linear, angular = self._hand.velocity(self._expert(world.observe())[0])
-        tool, hand = world.simulation.body_poses(0)[self._bodies]
+        linear, angular = self._hand.compute_hand_velocity(self._expert(world.observe())[0])
+        tool, hand = world.simulation.get_body_poses(0)[self._bodies]
         lever = np.asarray(np.cross(angular, tool[:3] - hand[:3]), float)
         return np.concatenate([linear + lever, angular])
 
     def _is_off_path(self, world: LiveWorld, intended_m_s: FloatArray) -> bool:
         """Returns whether the tool has not moved along the expert's path for ``OBSERVATION_S``."""
-        pos_w = world.simulation.body_poses(0)[self._bodies[0], :3]
+        pos_w = world.simulation.get_body_poses(0)[self._bodies[0], :3]
         way, self._tool_pos_w = pos_w - self._tool_pos_w, pos_w
         step_m = float(np.linalg.norm(intended_m_s)) / world.settings.control_hz
         direction = intended_m_s / max(float(np.linalg.norm(intended_m_s)), 1e-9)

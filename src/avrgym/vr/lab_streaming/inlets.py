@@ -21,7 +21,7 @@ MAX_CHUNK_SAMPLES = 4096
 """Maximum number of samples in a chunk."""
 MAX_QUEUED_CHUNKS = 600
 """Maximum number of chunks in the queue. If it is full, the oldest chunks are dropped."""
-BUFFER_DURATION_S = 60
+RECEIVE_BUFFER_DURATION_S = 60
 """Duration in seconds of the samples in the receive buffer."""
 SILENCE_TIMEOUT_S, SILENCE_TIMEOUT_INTERVALS = 1.0, 5.0
 """Time in seconds, and number of sample intervals, without samples. After both, a stream with a fixed rate is
@@ -38,7 +38,7 @@ class Inlet:
         """Start to search for the stream. ``name``: name of the stream in the study. ``query``: query that the stream
         matches."""
         self.name = name
-        self.available = False
+        self.is_available = False
         self._query = query
         self._chunks: deque[tuple[Stream, StreamSamples]] = deque(maxlen=MAX_QUEUED_CHUNKS)
         self._stopping = threading.Event()
@@ -61,10 +61,10 @@ class Inlet:
         while not self._stopping.is_set():
             try:
                 for found in pylsl.resolve_bypred(self._query, 1, STREAM_SEARCH_DURATION_S)[:1]:
-                    self._listen(pylsl.StreamInlet(found, BUFFER_DURATION_S, recover=False))
+                    self._listen(pylsl.StreamInlet(found, RECEIVE_BUFFER_DURATION_S, recover=False))
             except (LostError, RuntimeError, TimeoutError):  # lost, or not available: search again
                 self._stopping.wait(MAX_CHUNK_DURATION_S)
-            self.available = False
+            self.is_available = False
 
     def _listen(self, inlet: pylsl.StreamInlet) -> None:
         info = inlet.info(REQUEST_TIMEOUT_S)
@@ -79,7 +79,7 @@ class Inlet:
             self._chunks.append((stream, chunk))
 
     def _chunks_of(self, inlet: pylsl.StreamInlet, rate_hz: float) -> Iterator[tuple[NumpyArray, NumpyArray]]:
-        """Yields chunks of samples and their times on the device's clock. Updates ``available``."""
+        """Yields chunks of samples and their times on the device's clock. Updates ``is_available``."""
         patience_s = (
             max(SILENCE_TIMEOUT_S, SILENCE_TIMEOUT_INTERVALS / rate_hz) if rate_hz > 0.0 else float("inf")
         )
@@ -90,7 +90,7 @@ class Inlet:
             if len(times_s):
                 silent_since_s = now_s
                 yield samples, times_s
-            self.available = now_s - silent_since_s < patience_s
+            self.is_available = now_s - silent_since_s < patience_s
 
 
 def describe_stream(name: str, info: pylsl.StreamInfo) -> Stream:

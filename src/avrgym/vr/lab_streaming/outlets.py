@@ -6,25 +6,25 @@ from socket import gethostname
 import msgspec
 import pylsl
 
-from avrgym.models.human import PREFIX
+from avrgym.models.human import PERSON_NAME_PREFIX
 from avrgym.safety.limits import BODY_REGIONS
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import TICK_S
+from avrgym.vr.session.device_streams import STATE_SEND_INTERVAL_TICKS
 from avrgym.vr.session.events import SessionEvent
-from avrgym.vr.session.streams import SEND_INTERVAL_TICKS
 
-SEND_RATE_HZ = 1.0 / (SEND_INTERVAL_TICKS * TICK_S)
+SEND_RATE_HZ = 1.0 / (STATE_SEND_INTERVAL_TICKS * TICK_S)
 """Sample rate of poses and forces, in Hz."""
 SENT_BODIES = {
-    "head": f"{PREFIX}head",
-    "left_hand": f"{PREFIX}left_hand",
-    "right_hand": f"{PREFIX}right_hand",
+    "head": f"{PERSON_NAME_PREFIX}head",
+    "left_hand": f"{PERSON_NAME_PREFIX}left_hand",
+    "right_hand": f"{PERSON_NAME_PREFIX}right_hand",
     "tool": "robot/tool",
 }
 """Name of the body of each sent pose, by the pose's name in the stream."""
-POSE_CHANNELS = {"x": "m", "y": "m", "z": "m", "qw": "", "qx": "", "qy": "", "qz": ""}
+POSE_CHANNEL_UNITS = {"x": "m", "y": "m", "z": "m", "qw": "", "qx": "", "qy": "", "qz": ""}
 """The channels of a pose in the world frame (z up), with their units."""
-BUFFER_DURATION_S = 10
+SEND_BUFFER_DURATION_S = 10
 """Duration in seconds of the samples in the send buffer."""
 
 
@@ -36,7 +36,7 @@ class Outlets:
     """
 
     def __init__(self) -> None:
-        poses = {f"{name}_{part}": unit for name in SENT_BODIES for part, unit in POSE_CHANNELS.items()}
+        poses = {f"{name}_{part}": unit for name in SENT_BODIES for part, unit in POSE_CHANNEL_UNITS.items()}
         self._events = _outlet("events", "Markers", {"event": ""}, 0.0, pylsl.cf_string)
         self._poses = _outlet("poses", "MoCap", poses, SEND_RATE_HZ, pylsl.cf_float32)
         self._forces = _outlet(
@@ -45,17 +45,17 @@ class Outlets:
 
     def send_event(self, event: SessionEvent, time_s: float) -> None:
         """Send an event. ``time_s``: its time on Lab Streaming Layer's clock."""
-        self._events.push_sample([event_json(event)], time_s)
+        self._events.push_sample([encode_event(event)], time_s)
 
     def send_state(self, world: LiveWorld, time_s: float) -> None:
         """Send poses and forces. ``time_s``: their time on Lab Streaming Layer's clock."""
         simulation = world.simulation
         rows = [world.bodies.index(body) for body in SENT_BODIES.values()]
-        self._poses.push_sample(simulation.body_poses(0)[rows].ravel().tolist(), time_s)
-        self._forces.push_sample(simulation.region_force_n()[0].tolist(), time_s)
+        self._poses.push_sample(simulation.get_body_poses(0)[rows].ravel().tolist(), time_s)
+        self._forces.push_sample(simulation.compute_region_force_n()[0].tolist(), time_s)
 
 
-def event_json(event: SessionEvent) -> str:
+def encode_event(event: SessionEvent) -> str:
     """Returns an event as JSON text: its type and its fields, without the time."""
     fields: dict[str, object] = msgspec.to_builtins(event, enc_hook=_file_name)
     del fields["time_s"]
@@ -73,4 +73,4 @@ def _outlet(
     info = pylsl.StreamInfo(f"AVR Gym {what}", kind, len(channels), rate_hz, number_format, source)
     info.set_channel_labels(list(channels))
     info.set_channel_units(list(channels.values()))
-    return pylsl.StreamOutlet(info, max_buffered=BUFFER_DURATION_S)
+    return pylsl.StreamOutlet(info, max_buffered=SEND_BUFFER_DURATION_S)

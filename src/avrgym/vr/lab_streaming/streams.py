@@ -7,9 +7,9 @@ import msgspec
 import pylsl
 
 from avrgym.recording.schema import Stream, StreamSamples
-from avrgym.vr.lab_streaming.choice import StreamSettings
 from avrgym.vr.lab_streaming.inlets import Inlet
 from avrgym.vr.lab_streaming.outlets import Outlets
+from avrgym.vr.lab_streaming.stream_settings import StreamSettings
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.session.events import SessionEvent
 
@@ -19,7 +19,7 @@ actual drift is smaller."""
 
 
 class LabStreams:
-    """The streams of a session over Lab Streaming Layer. Implements ``session.streams.DeviceStreams``.
+    """The streams of a session over Lab Streaming Layer. Implements ``session.device_streams.DeviceStreams``.
 
     The session passes the start time of its tick, which is earlier than the call. The call with the smallest delay
     therefore determines the offset between both clocks.
@@ -32,9 +32,9 @@ class LabStreams:
         self._outlets = Outlets() if choice.send else None
 
     @property
-    def available(self) -> Mapping[str, bool]:
+    def stream_availability(self) -> Mapping[str, bool]:
         """Whether each received stream is available, by stream name."""
-        return {inlet.name: inlet.available for inlet in self._inlets}
+        return {inlet.name: inlet.is_available for inlet in self._inlets}
 
     def pop_samples(self, now_s: float) -> list[tuple[Stream, StreamSamples]]:
         """Returns the samples that have arrived since the last call, with times on the session's clock."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from avrgym.models import human, robot
 from avrgym.simulation.worlds import Simulation
 
-ARM_BODIES = ("upper_arm", "forearm", "hand")
+ARM_SEGMENT_NAMES = ("upper_arm", "forearm", "hand")
 
 
 class ArmContactMonitor:
@@ -17,13 +17,13 @@ class ArmContactMonitor:
         model = simulation.batch.get_model(0)
         bodies = [model.body(int(body)).name for body in model.geom_bodyid]
         self._batch, self._data = simulation.batch, mujoco.MjData(model)
-        self._is_robot = np.array([name.startswith(robot.PREFIX) for name in bodies])
+        self._is_robot = np.array([name.startswith(robot.ROBOT_NAME_PREFIX) for name in bodies])
         self._is_arm = {
-            side: np.isin(bodies, [f"{human.PREFIX}{side}_{part}" for part in ARM_BODIES])
+            side: np.isin(bodies, [f"{human.PERSON_NAME_PREFIX}{side}_{part}" for part in ARM_SEGMENT_NAMES])
             for side in ("left", "right")
         }
 
-    def touched_sides(self) -> tuple[bool, bool]:
+    def detect_touched_arms(self) -> tuple[bool, bool]:
         """Returns (left, right): whether robot or tool touches this arm or its hand."""
         geoms = self._batch.get_data(0, self._data).contact.geom
         return self._touches("left", geoms), self._touches("right", geoms)

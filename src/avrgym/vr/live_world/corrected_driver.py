@@ -32,9 +32,9 @@ class CorrectedDriver(OperatorDriver):
         return self._policy.failure_message
 
     @property
-    def idle(self) -> bool:
+    def is_idle(self) -> bool:
         """Whether the robot holds its position because there is no action."""
-        return self.holder is None and (self._is_paused or self._policy.idle)
+        return self.active_operator is None and (self._is_paused or self._policy.is_idle)
 
     def reset(self, episodes: Episodes, generators: RandomGenerators) -> None:
         """Prepare for the episode that has just started."""
@@ -52,15 +52,15 @@ class CorrectedDriver(OperatorDriver):
         """Returns the action (1, A) of the operator who drives; without an operator, the action of the policy."""
         action = self._policy.act(observation)
         self._pause_steps = max(0, self._pause_steps - 1)
-        if self.holder is not None or self._is_paused:
+        if self.active_operator is not None or self._is_paused:
             return super().act(observation)
-        self.driven_by, self._changed = self._name, False
+        self.latest_operator, self._changed = self._name, False
         return action
 
     def update_action(self) -> FloatArray | None:
         """Returns another action (1, A) at a later tick of the control step, or ``None`` to continue."""
         action = self._policy.update_action()
-        if self.holder is not None or self._changed:
+        if self.active_operator is not None or self._changed:
             return super().update_action()
         return None if self._is_paused else action
 
@@ -70,7 +70,7 @@ class CorrectedDriver(OperatorDriver):
         self._policy.close()
 
     def _leave(self, role: OperatorRole) -> None:
-        releases = self.holder == role
+        releases = self.active_operator == role
         super()._leave(role)
         if releases:
             self._stopped, self._pause_steps = False, self._resume_steps + 1

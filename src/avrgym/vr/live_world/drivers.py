@@ -18,26 +18,26 @@ from avrgym.policies.cartesian_control import CartesianController
 from avrgym.policies.controllers import Controller, ExternalController
 from avrgym.policies.registry import ActionFunction, AnyPolicy, HumanOperator, ScriptedPolicy
 from avrgym.policies.tool_servo import ToolServo
-from avrgym.policies.trained import Policy
+from avrgym.policies.trained_policies import Policy
 from avrgym.tasks.episodes import Episodes
-from avrgym.vr.protocol.messages import Drive, OperatorRole, Steer, XRPose
-from avrgym.vr.protocol.webxr import Pose, controller_pose
+from avrgym.vr.protocol.messages import ControllerPoseCommand, OperatorRole, VelocityCommand, XRPose
+from avrgym.vr.protocol.webxr import Pose, compute_controller_pose
 
 RandomGenerators = Sequence[np.random.Generator]
 """Random generators of the episodes, one for each world."""
 
-RESPONSE_TIMEOUT_S = 0.08
+CONTROLLER_RESPONSE_TIMEOUT_S = 0.08
 """Maximum response time of an external controller in seconds. A control step lasts 0.1 s."""
 SIMULATED_CONTROLLER_TIMEOUT_S = 10.0
 """Maximum response time in seconds in sessions in simulated time, which wait for the action."""
-OPERATOR_TIMEOUT_S = 0.2
+OPERATOR_COMMAND_TIMEOUT_S = 0.2
 """The robot stops if the operator sends no command for this time in seconds."""
 
 EMPTY_ACTION = np.zeros((1, 0))
 """The action (1, 0) before the first episode. The number of joints is then unknown."""
 
 
-def zero_action(episodes: Episodes) -> FloatArray:
+def make_zero_action(episodes: Episodes) -> FloatArray:
     """Returns the action (1, A) with all values zero. It stops the robot."""
     return np.zeros((1, episodes.action_size))
 
@@ -51,7 +51,7 @@ class Driver(Protocol):
         ...
 
     @property
-    def idle(self) -> bool:
+    def is_idle(self) -> bool:
         """Whether the robot holds its position because there is no action."""
         ...
 
@@ -98,23 +98,23 @@ class SynchronousDriver:
         self._act: ActionFunction | None = None
 
     @property
-    def idle(self) -> bool:
+    def is_idle(self) -> bool:
         """Whether the robot holds its position because there is no action."""
         return self.failure_message != ""
 
     def reset(self, episodes: Episodes, generators: RandomGenerators) -> None:
         """Prepare for the episode that has just started. ``generators`` contains the episode's random generator."""
         self.failure_message, self._act = "", None
-        self._episode, self._zero_action = (episodes, generators), zero_action(episodes)
+        self._episode, self._zero_action = (episodes, generators), make_zero_action(episodes)
         _prepare(self._policy, episodes)
 
     def act(self, observation: FloatArray) -> FloatArray:
         """Returns the action (1, A) at the start of a control step, from the observation (1, O) at this time."""
         try:
-            act = self._act = self._act or registry.action_function(self._policy, *self._episode)
-            action = controllers.checked_action(lambda: act(observation), self._zero_action.shape)
+            act = self._act = self._act or registry.make_action_function(self._policy, *self._episode)
+            action = controllers.compute_checked_action(lambda: act(observation), self._zero_action.shape)
         except Exception as error:  # an expert may fail in a rare state
-            self.failure_message = str(controllers.controller_error(error))
+            self.failure_message = str(controllers.to_controller_error(error))
             return self._zero_action
         self.failure_message = ""
         return action
@@ -130,14 +130,14 @@ class ThreadedDriver:
     """Drives the robot with an external controller that runs in its own thread.
 
     The latest action remains active until the controller returns the next action. After a failure or a timeout, the
-    robot holds its position. Late actions are ignored. The timeout is ``RESPONSE_TIMEOUT_S`` with ``background``,
-    otherwise ``SIMULATED_CONTROLLER_TIMEOUT_S``. If the controller is still busy at the next episode, a new controller
-    replaces it.
+    robot holds its position. Late actions are ignored. The timeout is ``CONTROLLER_RESPONSE_TIMEOUT_S`` with
+    ``background``, otherwise ``SIMULATED_CONTROLLER_TIMEOUT_S``. If the controller is still busy at the next episode,
+    a new controller replaces it.
     """
 
     def __init__(self, factory: ExternalController, *, background: bool) -> None:
         self._controller_factory, self._background = factory, background
-        self._limit_s = RESPONSE_TIMEOUT_S if background else SIMULATED_CONTROLLER_TIMEOUT_S
+        self._limit_s = CONTROLLER_RESPONSE_TIMEOUT_S if background else SIMULATED_CONTROLLER_TIMEOUT_S
         self._timeout_message = f"late: no answer within {1000 * self._limit_s:.0f} ms"
         self._worker = ControllerThread(factory)
         self._ready = self._pending = None
@@ -145,18 +145,20 @@ class ThreadedDriver:
         self._hold("")
 
     @property
-    def idle(self) -> bool:
+    def is_idle(self) -> bool:
         """Whether the robot holds its position because there is no action."""
         return self.failure_message != ""
 
     def reset(self, episodes: Episodes, generators: RandomGenerators) -> None:
         """Prepare for the episode that has just started. ``generators`` contains the episode's random generator."""
-        if self._worker.busy:
+        if self._worker.is_busy:
             self._worker.close()
             self._worker = ControllerThread(self._controller_factory)
         seed, environment = registry.draw_controller_seed(generators[0]), episodes.environment_id
-        self._ready = self._request(lambda controller: controllers.reset(controller, seed, environment))
-        self._pending, self._zero_action = None, zero_action(episodes)
+        self._ready = self._request(
+            lambda controller: controllers.reset_controller(controller, seed, environment)
+        )
+        self._pending, self._zero_action = None, make_zero_action(episodes)
         self._episodes = episodes
         _prepare(self._controller_factory, episodes)
         self._hold("")
@@ -164,7 +166,7 @@ class ThreadedDriver:
     def act(self, observation: FloatArray) -> FloatArray:
         """Returns the action (1, A) at the start of a control step, from the observation (1, O) at this time."""
         self._poll()
-        if self._ready is None or not self._ready.done:
+        if self._ready is None or not self._ready.is_done:
             self._hold(self._timeout_message)
         elif self._ready.failure_message:
             self._hold(self._ready.failure_message)
@@ -176,14 +178,16 @@ class ThreadedDriver:
     def _ask(self, observation: FloatArray) -> None:
         """Requests the action for an observation (1, O) from the controller."""
         try:
-            (row,) = registry.controller_observations(
+            (row,) = registry.make_controller_observations(
                 self._controller_factory, self._episodes, observation.copy()
             )
         except (RuntimeError, ValueError) as error:  # no image can be rendered
-            self._hold(str(controllers.controller_error(error)))
+            self._hold(str(controllers.to_controller_error(error)))
             return
         count = self._zero_action.shape[1]
-        self._pending = self._request(lambda controller: controllers.act(controller, row, count))
+        self._pending = self._request(
+            lambda controller: controllers.compute_controller_action(controller, row, count)
+        )
 
     def update_action(self) -> FloatArray | None:
         """Returns the controller's action (1, A) if it has changed since the last call, else ``None``."""
@@ -193,7 +197,7 @@ class ThreadedDriver:
 
     def close(self) -> None:
         """Close the controller after its last request."""
-        waits = not self._background and not self._worker.busy
+        waits = not self._background and not self._worker.is_busy
         self._worker.close()
         if waits:
             self._worker.join(self._limit_s)
@@ -209,14 +213,14 @@ class ThreadedDriver:
         pending = self._pending
         if pending is None:
             return
-        if pending.done:
+        if pending.is_done:
             self._pending = None
         if pending.elapsed_s > self._limit_s:
             self._hold(self._timeout_message)
         elif self._pending is None and pending.failure_message:
             self._hold(pending.failure_message)
-        elif self._pending is None and pending.answer is not None:
-            self._action, self.failure_message = pending.answer[None], ""
+        elif self._pending is None and pending.action is not None:
+            self._action, self.failure_message = pending.action[None], ""
 
     def _hold(self, failure: str) -> None:
         self._action, self.failure_message = self._zero_action, failure
@@ -230,33 +234,33 @@ class ControllerRequest:
     """A request to an external controller, with its answer.
 
     ``answer``: the controller's action; ``None`` without an action. ``failure_message``: the error message; empty
-    without an error. Both are set before ``done`` becomes true.
+    without an error. Both are set before ``is_done`` becomes true.
     """
 
     def __init__(self, work: ControllerCall) -> None:
         self._work, self._requested_s, self._ended_s = work, time.monotonic(), 0.0
         self._done = threading.Event()
-        self.answer: FloatArray | None = None
+        self.action: FloatArray | None = None
         self.failure_message = ""
 
     @property
-    def done(self) -> bool:
+    def is_done(self) -> bool:
         """Whether the controller has answered or failed."""
         return self._done.is_set()
 
     @property
     def elapsed_s(self) -> float:
         """Time in seconds from the request to its end, or until now if it is not done."""
-        return (self._ended_s if self.done else time.monotonic()) - self._requested_s
+        return (self._ended_s if self.is_done else time.monotonic()) - self._requested_s
 
     def run(self, get_controller: Callable[[], Controller]) -> None:
         """Call the controller. Stores its answer or its failure."""
         try:
             answer = self._work(get_controller())
         except (Exception, SystemExit) as error:  # external code may raise anything
-            self.failure_message = str(controllers.controller_error(error))
+            self.failure_message = str(controllers.to_controller_error(error))
         else:
-            self.answer = answer
+            self.action = answer
         self._ended_s = time.monotonic()
         self._done.set()
 
@@ -278,9 +282,9 @@ class ControllerThread:
         self._thread.start()
 
     @property
-    def busy(self) -> bool:
+    def is_busy(self) -> bool:
         """Whether at least one request is not done."""
-        return self._latest is not None and not self._latest.done
+        return self._latest is not None and not self._latest.is_done
 
     def submit(self, work: ControllerCall) -> ControllerRequest:
         """Adds a request to the end of the queue. Returns the request."""
@@ -304,7 +308,7 @@ class ControllerThread:
             request.run(self._get_controller)
 
     def _get_controller(self) -> Controller:
-        self._controller = self._controller or self._controller_factory.make()
+        self._controller = self._controller or self._controller_factory.make_controller()
         return self._controller
 
 
@@ -313,10 +317,10 @@ class OperatorDriver:
 
     The experimenter commands velocities of the hand. A demonstrator can also steer the tool with a controller, see
     ``policies.tool_servo``. The first operator with a command controls the robot. Control ends when this operator
-    releases the robot, or sends no command for ``OPERATOR_TIMEOUT_S``.
+    releases the robot, or sends no command for ``OPERATOR_COMMAND_TIMEOUT_S``.
 
-    ``holder``: the role that controls the robot now, or ``None``. ``driven_by``: the role that drove last in this
-    control step.
+    ``active_operator``: the role that controls the robot now, or ``None``. ``latest_operator``: the role that drove
+    last in this control step.
     """
 
     failure_message = ""
@@ -331,22 +335,22 @@ class OperatorDriver:
         self._commanded_s = 0.0
         self._changed = False
         self._refused: set[OperatorRole] = set()
-        self.holder: OperatorRole | None = None
-        self.driven_by: str = "operator"
+        self.active_operator: OperatorRole | None = None
+        self.latest_operator: str = "operator"
 
     @property
-    def idle(self) -> bool:
+    def is_idle(self) -> bool:
         """Whether the robot holds its position because there is no command."""
-        return self.holder is None
+        return self.active_operator is None
 
     def reset(self, episodes: Episodes, generators: RandomGenerators) -> None:
         """Prepare for the episode that has just started."""
-        self._hand, self._zero_action = CartesianController(episodes.simulation), zero_action(episodes)
-        self._servo = ToolServo(episodes.simulation, self._hand.chain)
-        self.driven_by = "operator"
+        self._hand, self._zero_action = CartesianController(episodes.simulation), make_zero_action(episodes)
+        self._servo = ToolServo(episodes.simulation, self._hand.arm_chain)
+        self.latest_operator = "operator"
         self.stop_robot()
 
-    def apply_command(self, command: Drive, now_s: float) -> str:
+    def apply_velocity_command(self, command: VelocityCommand, now_s: float) -> str:
         """Apply a velocity command to the robot's hand. ``now_s``: the current time on the session's clock.
 
         Returns the reason if the command is rejected, once for each series of commands; otherwise an empty text.
@@ -361,13 +365,14 @@ class OperatorDriver:
             return self._refuse(command.source)
         return ""
 
-    def apply_steering(self, steer: Steer, now_s: float) -> str:
-        """Applies the pose of the demonstrator's controller. Returns a rejection reason, as ``apply_command`` does.
+    def apply_controller_pose(self, steer: ControllerPoseCommand, now_s: float) -> str:
+        """Applies the pose of the demonstrator's controller. Returns a rejection reason, as
+        ``apply_velocity_command`` does.
 
         After a change of clutch, viewpoint or scale, the current poses of tool and controller become the references.
         The tool therefore does not jump.
         """
-        pose = None if steer.grip is None else controller_pose(steer.grip, steer.xr_from_world)
+        pose = None if steer.grip is None else compute_controller_pose(steer.grip, steer.xr_from_world)
         if not steer.clutch or pose is None or self._servo is None:
             self._leave("demonstrator")
             return ""
@@ -376,22 +381,24 @@ class OperatorDriver:
         self._drive_by("demonstrator", now_s)
         clutch = steer.xr_from_world, steer.scale
         if clutch != self._clutch:
-            self._servo.engage(pose.pos_w, pose.q_w, steer.scale)
+            self._servo.store_reference_poses(pose.pos_w, pose.q_w, steer.scale)
         self._velocity, self._controller, self._clutch = None, pose, clutch
         return ""
 
     def stop_robot(self) -> None:
         """Stop the robot. It remains at rest until the next command."""
-        self._velocity = self._controller = self._clutch = self.holder = None
+        self._velocity = self._controller = self._clutch = self.active_operator = None
         self._changed = True
 
     def is_overdue(self, now_s: float) -> bool:
-        """Whether the latest command is older than ``OPERATOR_TIMEOUT_S``. The caller must then stop the robot."""
-        return self.holder is not None and now_s - self._commanded_s > OPERATOR_TIMEOUT_S
+        """Whether the latest command is older than ``OPERATOR_COMMAND_TIMEOUT_S``. The caller must then stop the
+        robot.
+        """
+        return self.active_operator is not None and now_s - self._commanded_s > OPERATOR_COMMAND_TIMEOUT_S
 
     def act(self, observation: FloatArray) -> FloatArray:
         """Returns the action (1, A) of the latest command."""
-        self.driven_by = self.holder or "operator"
+        self.latest_operator = self.active_operator or "operator"
         return self._action()
 
     def update_action(self) -> FloatArray | None:
@@ -407,28 +414,30 @@ class OperatorDriver:
         if self._hand is None or self._servo is None:
             return self._zero_action
         if self._controller is not None:
-            velocity = self._servo.velocity(self._controller.pos_w, self._controller.q_w)
-            return self._hand.action(*velocity)[None]
-        return self._zero_action if self._velocity is None else self._hand.action(*self._velocity)[None]
+            velocity = self._servo.compute_hand_velocity(self._controller.pos_w, self._controller.q_w)
+            return self._hand.compute_action(*velocity)[None]
+        return (
+            self._zero_action if self._velocity is None else self._hand.compute_action(*self._velocity)[None]
+        )
 
     def _is_free(self, role: OperatorRole) -> bool:
-        return self.holder in (None, role)
+        return self.active_operator in (None, role)
 
     def _drive_by(self, role: OperatorRole, now_s: float) -> None:
-        self.holder = self.driven_by = role
+        self.active_operator = self.latest_operator = role
         self._commanded_s, self._changed = now_s, True
         self._refused.discard(role)
 
     def _leave(self, role: OperatorRole) -> None:
         self._refused.discard(role)
-        if self.holder == role:
+        if self.active_operator == role:
             self.stop_robot()
 
     def _refuse(self, role: OperatorRole) -> str:
         if role in self._refused:
             return ""
         self._refused.add(role)
-        return f"the {self.holder} drives the robot; wait until they release it"
+        return f"the {self.active_operator} drives the robot; wait until they release it"
 
 
 def _in_world(direction: Sequence[float]) -> FloatArray:

@@ -15,7 +15,7 @@ from avrgym.simulation.worlds import Simulation
 from avrgym.vr.protocol.messages import Skeleton
 from avrgym.vr.tracking.body import ARM_JOINT_INDICES, HEAD_JOINT_INDICES, WAIST_JOINT_INDICES
 
-OBSTRUCTED_DISPLACEMENT_M, FREE_DISPLACEMENT_M = 0.008, 0.004
+OBSTRUCTION_START_DISPLACEMENT_M, OBSTRUCTION_END_DISPLACEMENT_M = 0.008, 0.004
 """Displacement by contacts in metres above which a body part becomes obstructed, and below which it becomes free."""
 FINGERTIP_DISTANCE_RADII = 4.0
 """Distance of the fingertips from the wrist, in radii of the hand."""
@@ -26,7 +26,7 @@ class ObstructionMonitor:
 
     def __init__(self, simulation: Simulation, skeleton: Skeleton) -> None:
         model, bind = simulation.batch.get_model(0), simulation.batch.bind
-        names = [human.PREFIX + joint for joint in JOINTS]
+        names = [human.PERSON_NAME_PREFIX + joint for joint in JOINTS]
         self._joints = np.array([model.joint(name).id for name in names])
         self._dofs = model.jnt_dofadr[self._joints]
         self._stiffness = np.array([float(model.actuator(name).gainprm[0]) for name in names])
@@ -34,7 +34,7 @@ class ObstructionMonitor:
         points = [("head", "head", skeleton.head_centre_m, HEAD_JOINT_INDICES)]
         for side, joints in ARM_JOINT_INDICES.items():
             points += [(side, f"{side}_forearm", 0.0, joints[:3]), (side, f"{side}_hand", fingers_m, joints)]
-        self._bodies = np.array([model.body(human.PREFIX + body).id for _, body, _, _ in points])
+        self._bodies = np.array([model.body(human.PERSON_NAME_PREFIX + body).id for _, body, _, _ in points])
         self._along_m = np.array([along_m for _, _, along_m, _ in points])
         self._turned_by = np.array(
             [np.isin(np.arange(len(JOINTS)), WAIST_JOINT_INDICES + own) for *_, own in points]
@@ -44,7 +44,7 @@ class ObstructionMonitor:
         self._xpos, self._xmat = bind("xpos"), bind("xmat")
         self._obstructed = np.zeros(len(TRACKED_BODY_PARTS), dtype=bool)
 
-    def obstructed_parts(self) -> tuple[TrackedBodyPart, ...]:
+    def detect_obstructed_parts(self) -> tuple[TrackedBodyPart, ...]:
         """Returns the body parts that are obstructed after the latest physics step."""
         turns = self._torque[0, self._dofs] / self._stiffness
         if not turns.any():
@@ -52,7 +52,7 @@ class ObstructionMonitor:
             return ()
         displacement_m = (self._of_part * np.linalg.norm(self._displacement_m(turns), axis=-1)).max(axis=-1)
         self._obstructed = displacement_m > np.where(
-            self._obstructed, FREE_DISPLACEMENT_M, OBSTRUCTED_DISPLACEMENT_M
+            self._obstructed, OBSTRUCTION_END_DISPLACEMENT_M, OBSTRUCTION_START_DISPLACEMENT_M
         )
         return tuple(
             part for part, held in zip(TRACKED_BODY_PARTS, self._obstructed.tolist(), strict=True) if held

@@ -21,13 +21,13 @@ from avrgym.tasks.control_loop import ControlLoop, FirstWorldStep
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.tasks.task import Task
-from avrgym.vr.live_world.drivers import Driver, zero_action
-from avrgym.vr.live_world.scene_message import poses, scene_message
+from avrgym.vr.live_world.drivers import Driver, make_zero_action
+from avrgym.vr.live_world.scene_message import encode_world_poses, make_scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.tracking.body import ARM_JOINT_INDICES as ARM_JOINTS
-from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
+from avrgym.vr.tracking.body import BodyPose, BodySolver, make_skeleton
 
 BRAKING_TICKS = 30
 """Number of ticks for which the brakes stop the robot before its retreat."""
@@ -52,7 +52,7 @@ class LiveWorld:
         )
         self._solver = BodySolver(person, self._episodes.scene.posture)
         self._loop = self._episodes.control_loop
-        self._zeros = zero_action(self._episodes)
+        self._zeros = make_zero_action(self._episodes)
         self.person = person
         self.joint_targets_rad = person.joint_angles_rad
         self.ticks = 0
@@ -64,7 +64,7 @@ class LiveWorld:
         return self._loop.applied_action
 
     @property
-    def braked(self) -> bool:
+    def is_braked(self) -> bool:
         """Whether the latest action is zero and the brakes are engaged."""
         return self._loop.is_braked
 
@@ -118,9 +118,9 @@ class LiveWorld:
         """
         self._loop = self._episodes.control_loop = ControlLoop(self._episodes)
         self._episodes.set_person(replace(self.person, joint_angles_rad=self.joint_targets_rad))
-        self._generators = [random_streams.episode_generator(seed)]
+        self._generators = [random_streams.make_episode_rng(seed)]
         self._episodes.reset(np.array([0]), self._generators)
-        self.start = self._episodes.episode_start(0)
+        self.episode_start = self._episodes.get_episode_start(0)
         self._retreat = Retreat(self._episodes.simulation)
         self.stop_robot()
 
@@ -133,7 +133,7 @@ class LiveWorld:
         for arm in resting:
             if getattr(pose, arm) is None:
                 joints = ARM_JOINTS[arm]
-                way = self._episodes.task.pose.rest_rad[joints] - targets[joints]
+                way = self._episodes.task.pose_distribution.rest_angles_rad[joints] - targets[joints]
                 targets[joints] += np.clip(way, -MAX_REST_RETURN_STEP_RAD, MAX_REST_RETURN_STEP_RAD)
         self.joint_targets_rad = targets
         self._episodes.simulation.command_person(self.joint_targets_rad[None])
@@ -150,7 +150,7 @@ class LiveWorld:
         self._retreated_ticks = 0
 
     @property
-    def retreating(self) -> bool:
+    def is_retreating(self) -> bool:
         """Whether the robot retreats: it moves its tool away from the person."""
         return self._retreated_ticks is not None
 
@@ -183,7 +183,7 @@ class LiveWorld:
         """Applies a command of the participant. Returns whether the command has an effect on the robot."""
         return bool(self._loop.apply_command(command)[0])
 
-    def expert(self) -> ActionFunction:
+    def make_expert(self) -> ActionFunction:
         """Returns an expert for the current episode: a function of observations (1, O) to actions (1, A).
 
         Training imitates the same expert. Its actions depend only on the current state. A driver may therefore deviate
@@ -197,9 +197,9 @@ class LiveWorld:
         return self._episodes.observe()
 
     @property
-    def withdrawing(self) -> bool:
+    def is_withdrawing(self) -> bool:
         """Whether the robot withdraws its tool after success, or waits after the withdrawal."""
-        return bool(self._loop.withdrawing[0])
+        return bool(self._loop.withdrawing_mask[0])
 
     def tick(self, driver: Driver | None, *, hold: bool = False) -> FirstWorldStep | None:
         """Advances the world by 10 ms. Returns the control step at its last tick, otherwise ``None``.
@@ -216,26 +216,26 @@ class LiveWorld:
     def _tick_retreat(self, ticks: int, *, hold: bool) -> None:
         """Commands the robot every 0.1 s until the retreat is complete. ``ticks``: number of ticks since its start."""
         if hold:
-            self._loop.advance_with_action(self._zeros if self._loop.moving else None, hold=True)
+            self._loop.advance_with_action(self._zeros if self._loop.is_moving else None, hold=True)
             return
         due = ticks >= BRAKING_TICKS and (ticks - BRAKING_TICKS) % DEFAULT_SUBSTEPS == 0
-        action = self._retreat.next_action() if due else None
+        action = self._retreat.compute_next_action() if due else None
         self._retreated_ticks = None if due and action is None else ticks + 1
         self._loop.advance_with_action(None if action is None else action[None])
 
     def integration_state(self) -> FloatArray:
         """Returns MuJoCo's integration state, see ``Simulation.integration_state``."""
-        return self._episodes.simulation.integration_state()
+        return self._episodes.simulation.get_integration_state()
 
     @property
     def skeleton(self) -> messages.Skeleton:
         """Dimensions of the person's body in metres, for clients."""
-        return skeleton(self.person, self._episodes.scene.posture)
+        return make_skeleton(self.person, self._episodes.scene.posture)
 
     def encode_poses(self) -> bytes:
-        """Returns the poses of ``bodies`` and marks, encoded as in ``messages.State``."""
-        return poses(self._episodes)
+        """Returns the poses of ``bodies`` and marks, encoded as in ``messages.WorldState``."""
+        return encode_world_poses(self._episodes)
 
-    def scene_message(self, number: int, registration: Registration) -> messages.Scene:
+    def make_scene_message(self, number: int, registration: Registration) -> messages.Scene:
         """Returns the description of the scene for clients. ``number``: number of the scene in its URL."""
-        return scene_message(number, self._episodes, registration)
+        return make_scene_message(number, self._episodes, registration)

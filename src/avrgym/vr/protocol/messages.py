@@ -12,9 +12,9 @@ from typing import Annotated, Literal, TypeVar
 
 import msgspec
 
-from avrgym.commands.input_names import InputMethod as InputMethod
-from avrgym.commands.input_names import StopInput as StopInput
-from avrgym.commands.vocabulary import ClientSource, CommandSource, OtherPersonSource
+from avrgym.commands.input_methods import InputMethod as InputMethod
+from avrgym.commands.input_methods import StopInput as StopInput
+from avrgym.commands.vocabulary import ClientCommandSource, CommandSource, OtherPersonCommandSource
 from avrgym.commands.vocabulary import CommandName as RobotCommandName
 from avrgym.models.body_names import Side as Side
 from avrgym.models.body_names import TrackedBodyPart
@@ -25,7 +25,7 @@ from avrgym.recording import schema
 from avrgym.recording.input_profile import InputProfile
 from avrgym.recording.presentation import Contrast as Contrast
 from avrgym.recording.presentation import PanelPosition as PanelPosition
-from avrgym.recording.presentation import Presentation as Presentation
+from avrgym.recording.presentation import PresentationPreferences as PresentationPreferences
 
 PROTOCOL_VERSION = 17
 """Version of the protocol. Client and server must have the same version."""
@@ -40,8 +40,8 @@ STATES_PER_RECEIPT = 2
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-SignedShare = Annotated[float, msgspec.Meta(ge=-1, le=1)]
-SignedShares = tuple[SignedShare, SignedShare, SignedShare]
+NormalizedValue = Annotated[float, msgspec.Meta(ge=-1, le=1)]
+NormalizedVector = tuple[NormalizedValue, NormalizedValue, NormalizedValue]
 Modality = Literal["controller", "hand", "mouse", "none"]
 """The device that tracks a hand."""
 StopMethod = Literal["button", "triggers", "squeeze", "select", "palm", "gaze", "switch", "page", "key"]
@@ -120,7 +120,7 @@ class Hello(Message, frozen=True, tag="hello"):
     emulated: bool
 
 
-class Tracking(Message, frozen=True, tag="tracking"):
+class TrackingFrameMessage(Message, frozen=True, tag="tracking"):
     """The poses of one XR frame. ``sequence`` increases by one; ``client_time_ms`` is the XR frame's time stamp.
 
     ``left`` and ``right`` are grip poses of controllers, or wrist poses of bare hands, depending on the modality.
@@ -136,22 +136,22 @@ class Tracking(Message, frozen=True, tag="tracking"):
     right_modality: Modality
 
 
-class Receipt(Message, frozen=True, tag="receipt"):
+class StateReceipt(Message, frozen=True, tag="receipt"):
     """Acknowledges states; sent after every ``STATES_PER_RECEIPT`` states. ``num_states``: number of all received
     states."""
 
     num_states: Annotated[int, msgspec.Meta(ge=0)] = msgspec.field(name="states")
 
 
-class Entered(Message, frozen=True, tag="entered"):
+class VrEntered(Message, frozen=True, tag="entered"):
     """The participant entered VR."""
 
 
-class Left(Message, frozen=True, tag="left"):
+class VrLeft(Message, frozen=True, tag="left"):
     """The participant left VR. The connection may remain open."""
 
 
-class Ready(Message, frozen=True, tag="ready"):
+class ParticipantReady(Message, frozen=True, tag="ready"):
     """The participant pressed the trigger to confirm, in a phase that waits for this."""
 
 
@@ -174,7 +174,7 @@ class RobotCommand(Message, frozen=True, tag="robot_command"):
     """
 
     name: RobotCommandName
-    source: ClientSource
+    source: ClientCommandSource
     client_time_ms: float
 
 
@@ -184,15 +184,15 @@ class VisibilityChanged(Message, frozen=True, tag="visibility_changed"):
     visibility: Visibility
 
 
-class Recalibrate(Message, frozen=True, tag="recalibrate"):
+class RecalibrationRequest(Message, frozen=True, tag="recalibrate"):
     """The participant requests a new calibration, because the virtual body or seat does not fit."""
 
 
-class RequestBreak(Message, frozen=True, tag="request_break"):
+class BreakRequest(Message, frozen=True, tag="request_break"):
     """The participant requests a break before the next trial."""
 
 
-class ChangePreferences(Message, frozen=True, tag="change_preferences"):
+class PreferenceChangeRequest(Message, frozen=True, tag="change_preferences"):
     """The participant requests the questions about preferences for the robot, before the next trial."""
 
 
@@ -204,39 +204,39 @@ class Answer(Message, schema.Answer, frozen=True, tag="answer"):
     """The answer to a questionnaire item, with the response time since its display."""
 
 
-class Back(Message, frozen=True, tag="back"):
+class PreviousQuestionRequest(Message, frozen=True, tag="back"):
     """The participant requests the previous question, to change the answer."""
 
 
-class ChooseBody(Message, frozen=True, tag="choose_body"):
+class BodyChoice(Message, frozen=True, tag="choose_body"):
     """The participant's choice of a body model. A change of the sex requires a new calibration."""
 
     sex: Sex
     skin_tone: Annotated[str, msgspec.Meta(max_length=32)]
 
 
-class Target(msgspec.Struct, frozen=True):
+class SelectionTarget(msgspec.Struct, frozen=True):
     """A button or another object that the participant can select: its value and its label."""
 
     value: int
     label: Annotated[str, msgspec.Meta(max_length=256)]
 
 
-class Offered(Message, frozen=True, tag="offered"):
+class OfferedTargets(Message, frozen=True, tag="offered"):
     """The targets that the participant can select now. The experimenter may select a target for the participant.
 
     ``offer_number`` increases with each offer. An offer without targets ends the previous offer.
     """
 
     offer_number: Annotated[int, msgspec.Meta(ge=0)] = msgspec.field(name="number")
-    targets: Annotated[list[Target], msgspec.Meta(max_length=128)]
+    targets: Annotated[list[SelectionTarget], msgspec.Meta(max_length=128)]
 
 
 class Latency(Message, schema.Latency, frozen=True, tag="latency"):
     """Latencies of the frames of the last second, from tracking to display."""
 
 
-class HeadsetFrames(Message, frozen=True, tag="headset_frames"):
+class FrameIntervals(Message, frozen=True, tag="headset_frames"):
     """Frame intervals of the last second during the headset check, with a description of the device.
 
     ``device``: the browser's user agent. ``profiles``: input profiles of the controllers. ``display_hz``: refresh rate
@@ -252,35 +252,37 @@ class HeadsetFrames(Message, frozen=True, tag="headset_frames"):
     ]
 
 
-ClientMessage = (
+ParticipantMessage = (
     Hello
-    | Tracking
-    | Receipt
-    | Entered
-    | Left
-    | Ready
+    | TrackingFrameMessage
+    | StateReceipt
+    | VrEntered
+    | VrLeft
+    | ParticipantReady
     | SceneLoaded
     | Stop
     | RobotCommand
     | VisibilityChanged
-    | Recalibrate
-    | RequestBreak
-    | ChangePreferences
+    | RecalibrationRequest
+    | BreakRequest
+    | PreferenceChangeRequest
     | OriginReset
     | Answer
-    | Back
-    | ChooseBody
-    | Offered
+    | PreviousQuestionRequest
+    | BodyChoice
+    | OfferedTargets
     | Latency
-    | HeadsetFrames
+    | FrameIntervals
 )
 
 # From the experimenter ---------------------------------------------------------------------------------------
 
-CommandName = Literal["stop", "pause", "continue", "repeat", "skip", "end", "recalibrate", "break"]
+ExperimenterCommandName = Literal[
+    "stop", "pause", "continue", "repeat", "skip", "end", "recalibrate", "break"
+]
 
 
-class Command(Message, frozen=True, tag="command"):
+class ExperimenterCommand(Message, frozen=True, tag="command"):
     """A command of the experimenter.
 
     ``stop``: stop the robot immediately; the participant may repeat the trial. ``pause``: stop the robot, and
@@ -289,14 +291,14 @@ class Command(Message, frozen=True, tag="command"):
     the next trial.
     """
 
-    name: CommandName
+    name: ExperimenterCommandName
 
 
-class ChooseParticipantBody(ChooseBody, frozen=True, tag="choose_body"):
-    """The experimenter's choice of the participant's body model, as ``ChooseBody``."""
+class ParticipantBodyChoice(BodyChoice, frozen=True, tag="choose_body"):
+    """The experimenter's choice of the participant's body model, as ``BodyChoice``."""
 
 
-class CorrectTorsoHeight(Message, frozen=True, tag="correct_torso_height"):
+class TorsoHeightCorrection(Message, frozen=True, tag="correct_torso_height"):
     """The participant's torso height as the experimenter measured it. The body is rebuilt with this height."""
 
     torso_height_m: float
@@ -307,7 +309,7 @@ OperatorRole = Literal["operator", "demonstrator"]
 DemonstrationButton = Literal["start", "success", "discard"]
 
 
-class Drive(Message, frozen=True, tag="drive"):
+class VelocityCommand(Message, frozen=True, tag="drive"):
     """Velocity command of the operator for the robot's hand, sent many times a second while ``engaged``.
 
     The components are shares of the maximum speeds. ``linear``: forward, left and up in the participant's frame;
@@ -316,12 +318,12 @@ class Drive(Message, frozen=True, tag="drive"):
     """
 
     engaged: bool
-    linear: SignedShares
-    angular: SignedShares
+    linear: NormalizedVector
+    angular: NormalizedVector
     source: OperatorRole = "operator"
 
 
-class Steer(Message, frozen=True, tag="steer"):
+class ControllerPoseCommand(Message, frozen=True, tag="steer"):
     """The demonstrator's controller in one XR frame. While ``clutch`` is true, the tool repeats its relative motion.
 
     ``grip``: pose of the grip in the demonstrator's ``local-floor`` space; ``None``: not tracked. ``xr_from_world``:
@@ -334,52 +336,52 @@ class Steer(Message, frozen=True, tag="steer"):
     scale: Annotated[float, msgspec.Meta(ge=0.1, le=2)]
 
 
-class Demonstrate(Message, frozen=True, tag="demonstrate"):
+class DemonstrationCommand(Message, frozen=True, tag="demonstrate"):
     """A pressed button in a demonstration session: it starts an episode, ends it as a success, or discards it."""
 
     button: DemonstrationButton
 
 
-class WatcherRobotCommand(Message, frozen=True, tag="robot_command"):
+class OtherPersonRobotCommand(Message, frozen=True, tag="robot_command"):
     """A command of the caregiver or the experimenter to the robot, as ``RobotCommand``."""
 
     name: RobotCommandName
-    source: OtherPersonSource
+    source: OtherPersonCommandSource
     client_time_ms: float
 
 
-class Press(Message, frozen=True, tag="press"):
+class TargetSelectionRequest(Message, frozen=True, tag="press"):
     """The experimenter selects a target for the participant."""
 
     offer_number: Annotated[int, msgspec.Meta(ge=0)] = msgspec.field(name="number")
     target_value: int = msgspec.field(name="value")
 
 
-class MarkPoint(Message, frozen=True, tag="mark_point"):
+class FurniturePointMark(Message, frozen=True, tag="mark_point"):
     """The tracked controller touches a point of the real seat or mattress. The points are front, rear and top."""
 
     point: FurniturePoint
 
 
-class SceneWatched(Message, frozen=True, tag="scene_watched"):
+class WatcherSceneLoaded(Message, frozen=True, tag="scene_watched"):
     """A watcher's page displays the scene with this address. The environment viewer waits for this; sessions do not."""
 
     url: Annotated[str, msgspec.Meta(max_length=128)]
 
 
-ExperimenterMessage = (
+WatcherMessage = (
     Hello
-    | Receipt
-    | Command
-    | CorrectTorsoHeight
-    | ChooseParticipantBody
-    | Press
-    | MarkPoint
-    | Drive
-    | Steer
-    | Demonstrate
-    | WatcherRobotCommand
-    | SceneWatched
+    | StateReceipt
+    | ExperimenterCommand
+    | TorsoHeightCorrection
+    | ParticipantBodyChoice
+    | TargetSelectionRequest
+    | FurniturePointMark
+    | VelocityCommand
+    | ControllerPoseCommand
+    | DemonstrationCommand
+    | OtherPersonRobotCommand
+    | WatcherSceneLoaded
 )
 
 # From the server -------------------------------------------------------------------------------------------
@@ -431,7 +433,7 @@ class Language(Message, frozen=True, tag="language"):
     texts: dict[str, str]
 
 
-class Body(Message, frozen=True, tag="body"):
+class ParticipantBody(Message, frozen=True, tag="body"):
     """The participant's body model, and the available skin tones: names and RGB values in [0, 1]."""
 
     sex: Sex
@@ -440,15 +442,15 @@ class Body(Message, frozen=True, tag="body"):
     skin_tones_rgb: list[Vector3]
 
 
-class Input(Message, InputProfile, frozen=True, tag="input"):
+class InputProfileMessage(Message, InputProfile, frozen=True, tag="input"):
     """The participant's input profile, with the stop methods."""
 
 
-class Targets(Offered, frozen=True, tag="targets"):
+class ParticipantTargets(OfferedTargets, frozen=True, tag="targets"):
     """The targets that the participant can select now, for experimenters."""
 
 
-class Pressed(Press, frozen=True, tag="pressed"):
+class TargetSelected(TargetSelectionRequest, frozen=True, tag="pressed"):
     """The experimenter selected a target. The participant's client ignores this message if the offer is no longer
     valid."""
 
@@ -475,7 +477,7 @@ class Scene(Message, frozen=True, tag="scene"):
     xr_from_world: XRPose
 
 
-class Placed(Message, frozen=True, tag="placed"):
+class WorldMotion(Message, frozen=True, tag="placed"):
     """Commands the client to move the world linearly to another pose in ``local-floor``, in a given time.
 
     The server sends this message when a participant has slid on the seat.
@@ -485,28 +487,28 @@ class Placed(Message, frozen=True, tag="placed"):
     seconds: float
 
 
-class Upcoming(Message, frozen=True, tag="upcoming"):
+class NextScene(Message, frozen=True, tag="upcoming"):
     """The address of the next scene, which the client may fetch in advance."""
 
     url: str
 
 
-class State(Message, frozen=True):
-    """The state of the world at one time, inside the server. Clients receive it as a ``StateChange``.
+class WorldState(Message, frozen=True):
+    """The state of the world at one time, inside the server. Clients receive it as a ``WorldStateChange``.
 
     ``poses``: little-endian float32 (bodies + marks, 7) in the world frame: position x, y, z, quaternion w, x, y, z.
-    ``joint_targets``: little-endian float32, radians. For the other fields, see ``StateChange``.
+    ``joint_targets``: little-endian float32, radians. For the other fields, see ``WorldStateChange``.
     """
 
-    sequence: int
+    sequence_number: int
     simulation_time_s: float
-    tracking_sequence: int
+    tracking_sequence_number: int
     joint_targets: bytes
     deviating_parts: list[TrackedBodyPart]
     poses: bytes
 
 
-class StateChange(Message, frozen=True, tag="state"):
+class WorldStateChange(Message, frozen=True, tag="state"):
     """The state of the world at one time, as the difference to the previous state of this connection.
 
     The first state after a ``scene`` message contains all rows. ``tracking_sequence``: the newest tracking frame that
@@ -528,7 +530,7 @@ class StateChange(Message, frozen=True, tag="state"):
     poses: bytes
 
 
-class Passed(Message, frozen=True, tag="passed"):
+class TrackingFrameTimes(Message, frozen=True, tag="passed"):
     """Times of a tracking frame in the server, in seconds of the server's clock.
 
     ``received_s``: the frame was received. ``simulated_s``: the first state that includes it was computed. ``sent_s``:
@@ -541,7 +543,7 @@ class Passed(Message, frozen=True, tag="passed"):
     sent_s: float
 
 
-class Phase(Message, frozen=True, tag="phase"):
+class PhaseDescription(Message, frozen=True, tag="phase"):
     """The phase of the session, with the text for the participant.
 
     ``trial``: number of the running or next trial, from 1. ``trials``: number of trials. ``seconds``: time limit.
@@ -595,7 +597,7 @@ class Problem(Message, frozen=True, tag="problem"):
     messages_by_input: dict[str, str] = {}
 
 
-class RobotCommands(Message, frozen=True, tag="robot_commands"):
+class AvailableRobotCommands(Message, frozen=True, tag="robot_commands"):
     """The robot commands that are possible now; an empty list if no command is possible. Sent when a field changes its
     value.
 
@@ -611,7 +613,7 @@ class RobotCommands(Message, frozen=True, tag="robot_commands"):
     distance_m: float
 
 
-class Feedback(Message, frozen=True, tag="feedback"):
+class HapticAndAudioFeedback(Message, frozen=True, tag="feedback"):
     """Haptic and acoustic feedback for one control step.
 
     ``left_touched``, ``right_touched``: whether robot or tool touch this arm or hand. ``events``: the number of task
@@ -648,7 +650,7 @@ class DemonstrationProgress(Message, frozen=True, tag="demonstration_progress"):
     policy: str = ""
 
 
-class Status(Message, frozen=True, tag="status"):
+class SessionStatus(Message, frozen=True, tag="status"):
     """The status of the session, several times a second, for watchers only.
 
     ``step``: number of control steps of the attempt. ``steps``: number of control steps of a complete trial.
@@ -701,7 +703,7 @@ class Status(Message, frozen=True, tag="status"):
     break_is_due: bool = False
 
 
-class Timing(Message, frozen=True, tag="timing"):
+class TickTiming(Message, frozen=True, tag="timing"):
     """Durations of the ticks of the last second, for watchers, and the number of skipped ticks since the start."""
 
     tick_ms_median: float
@@ -712,55 +714,55 @@ class Timing(Message, frozen=True, tag="timing"):
 ServerMessage = (
     Welcome
     | Language
-    | Body
-    | Input
-    | Targets
-    | Pressed
+    | ParticipantBody
+    | InputProfileMessage
+    | ParticipantTargets
+    | TargetSelected
     | Scene
-    | Placed
-    | Upcoming
-    | Passed
-    | StateChange
-    | Phase
+    | WorldMotion
+    | NextScene
+    | TrackingFrameTimes
+    | WorldStateChange
+    | PhaseDescription
     | Question
     | Problem
-    | RobotCommands
-    | Feedback
-    | Status
-    | Timing
+    | AvailableRobotCommands
+    | HapticAndAudioFeedback
+    | SessionStatus
+    | TickTiming
     | ToolForce
     | DemonstrationProgress
 )
 
-SentMessage = ServerMessage | State
-"""All messages that a session sends. Clients receive a ``State`` as a ``StateChange``."""
-SendMessage = Callable[[SentMessage], None]
+SentMessage = ServerMessage | WorldState
+"""All messages that a session sends. Clients receive a ``WorldState`` as a ``WorldStateChange``."""
+MessageSender = Callable[[SentMessage], None]
 """Function that sends a message to its receivers."""
 
 _Any = TypeVar("_Any")
 
-_client_decoder = msgspec.msgpack.Decoder(ClientMessage)
-_experimenter_decoder = msgspec.msgpack.Decoder(ExperimenterMessage)
+_client_decoder = msgspec.msgpack.Decoder(ParticipantMessage)
+_experimenter_decoder = msgspec.msgpack.Decoder(WatcherMessage)
 _server_decoder = msgspec.msgpack.Decoder(ServerMessage)
 _encoder = msgspec.msgpack.Encoder()
 
 
-def encode(message: Message) -> bytes:
+def encode_message(message: Message) -> bytes:
     """Returns a message of the protocol, encoded as MessagePack."""
     return _encoder.encode(message)
 
 
-def decode_client(data: bytes) -> ClientMessage:
+def decode_participant_message(data: bytes) -> ParticipantMessage:
     """Decode and return a message from the client. Raises ``msgspec.DecodeError`` for invalid data."""
     return _decode(_client_decoder, data)
 
 
-def decode_experimenter(data: bytes) -> ExperimenterMessage:
+def decode_watcher_message(data: bytes) -> WatcherMessage:
     """Decode and return a message from a watcher. Raises ``msgspec.DecodeError`` for invalid data."""
     return _decode(_experimenter_decoder, data)
 
 
-def decode_server(data: bytes) -> ServerMessage:
+def decode_server_message(data: bytes) -> ServerMessage:
     """Decode and return a message from the server. Raises ``msgspec.DecodeError`` for invalid data."""
     return _decode(_server_decoder, data)
 
@@ -787,5 +789,5 @@ class DemonstratorDisconnected(msgspec.Struct, frozen=True):
     """The demonstrator's connection has closed."""
 
 
-ReceivedMessage = ClientMessage | ExperimenterMessage | ParticipantDisconnected | DemonstratorDisconnected
+ReceivedMessage = ParticipantMessage | WatcherMessage | ParticipantDisconnected | DemonstratorDisconnected
 """All messages that a session receives: messages of its clients, and messages that a connection has closed."""

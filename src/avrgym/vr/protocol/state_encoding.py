@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.array_types import FloatArray
-from avrgym.vr.protocol.messages import State, StateChange
+from avrgym.vr.protocol.messages import WorldState, WorldStateChange
 
 POSITION_STEP_M = 1e-4
-QUATERNION_STEP = 5e-5
+QUATERNION_QUANTISATION_STEP = 5e-5
 """Quantisation step of a quaternion's components. The rounding error of a rotation is at most 1e-4 rad."""
 JOINT_STEP_RAD = 1e-5
-POSE_QUANTISATION_STEPS = np.array([POSITION_STEP_M] * 3 + [QUATERNION_STEP] * 4)
+POSE_QUANTISATION_STEPS = np.array([POSITION_STEP_M] * 3 + [QUATERNION_QUANTISATION_STEP] * 4)
 JOINT_QUANTISATION_STEPS = np.array([JOINT_STEP_RAD])
 MAX_QUANTISATION_STEPS = 2.0**31 - 1.0
 """Maximum absolute value in steps. Larger values are clipped. NaN is encoded as the lower limit."""
@@ -38,12 +38,12 @@ class StateEncoder:
             _DeltaCodec(POSE_QUANTISATION_STEPS),
         )
 
-    def encode(self, state: State) -> StateChange:
+    def encode(self, state: WorldState) -> WorldStateChange:
         """Returns the encoded difference between ``state`` and the previous state."""
-        return StateChange(
-            sequence=state.sequence,
+        return WorldStateChange(
+            sequence=state.sequence_number,
             simulation_time_s=state.simulation_time_s,
-            tracking_sequence=state.tracking_sequence,
+            tracking_sequence=state.tracking_sequence_number,
             deviating_parts=state.deviating_parts,
             joint_targets=self._targets.encode(state.joint_targets),
             poses=self._poses.encode(state.poses),
@@ -63,12 +63,12 @@ class StateDecoder:
             _DeltaCodec(POSE_QUANTISATION_STEPS),
         )
 
-    def decode(self, change: StateChange) -> State:
+    def decode(self, change: WorldStateChange) -> WorldState:
         """Returns the decoded state. Each value is within half a quantisation step of the original."""
-        return State(
-            sequence=change.sequence,
+        return WorldState(
+            sequence_number=change.sequence,
             simulation_time_s=change.simulation_time_s,
-            tracking_sequence=change.tracking_sequence,
+            tracking_sequence_number=change.tracking_sequence,
             joint_targets=self._targets.decode(change.joint_targets),
             deviating_parts=change.deviating_parts,
             poses=self._poses.decode(change.poses),

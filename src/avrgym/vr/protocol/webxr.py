@@ -14,7 +14,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.body_names import Side
-from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_OFFSET_M
+from avrgym.models.human import DEVICE_TO_BODY_QUAT, HEADSET_OFFSET_M
 from avrgym.vr.protocol.messages import XRPose
 
 MAX_ORIGIN_DISTANCE_M = 10.0
@@ -66,37 +66,37 @@ class Registration:
         return self.from_world(Pose(np.zeros(3), transforms.IDENTITY_QUATERNION))
 
 
-def registration_from_head(head: XRPose, head_centre_w: FloatArray) -> Registration:
+def compute_registration(head: XRPose, head_centre_w: FloatArray) -> Registration:
     """Returns the registration that places the participant's head at ``head_centre_w``, with the nose towards −y.
 
     The real and the simulated head then coincide, and also the real and the simulated seat. If the seats have different
     heights, the real floor is above or below the simulated floor.
     """
-    upright = head_pose(Registration(np.zeros(3), 0.0), head)
+    upright = compute_head_pose(Registration(np.zeros(3), 0.0), head)
     ahead = transforms.rotate(upright.q_w, [0.0, -1.0, 0.0])
     yaw = -0.5 * np.pi - np.arctan2(ahead[1], ahead[0])
     turned = transforms.rotate(transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(yaw)), upright.pos_w)
     return Registration(head_centre_w - turned, float(yaw))
 
 
-def head_pose(registration: Registration, head: XRPose) -> Pose:
+def compute_head_pose(registration: Registration, head: XRPose) -> Pose:
     """Returns the head's pose in the world frame (its centre and axes), computed from the headset's pose."""
-    return _compose(registration.to_world(head), HEAD_CENTRE_FROM_HEADSET, BODY_FROM_DEVICE_AXES)
+    return _compose(registration.to_world(head), HEAD_CENTRE_FROM_HEADSET, DEVICE_TO_BODY_QUAT)
 
 
-HEAD_CENTRE_FROM_HEADSET = transforms.rotate(BODY_FROM_DEVICE_AXES, [0.0, HEADSET_OFFSET_M, 0.0])
+HEAD_CENTRE_FROM_HEADSET = transforms.rotate(DEVICE_TO_BODY_QUAT, [0.0, HEADSET_OFFSET_M, 0.0])
 
 
-def hand_pose(registration: Registration, grip: XRPose) -> Pose:
+def compute_hand_pose(registration: Registration, grip: XRPose) -> Pose:
     """Returns the hand's pose in the world frame (centre of the fist, and axes), computed from a controller's grip
     pose.
 
     The origin of WebXR's grip space is the centre of the fist. The position therefore needs no offset.
     """
-    return _compose(registration.to_world(grip), np.zeros(3), BODY_FROM_DEVICE_AXES)
+    return _compose(registration.to_world(grip), np.zeros(3), DEVICE_TO_BODY_QUAT)
 
 
-def hand_pose_from_wrist(registration: Registration, wrist: XRPose, side: Side) -> Pose:
+def compute_hand_pose_from_wrist(registration: Registration, wrist: XRPose, side: Side) -> Pose:
     """Returns the hand's pose in the world frame (centre and axes), computed from the wrist pose of a bare hand.
 
     Axes of the WebXR wrist (WebXR Hand Input): −z points to the fingers, y points out of the back of the hand. Axes of
@@ -113,7 +113,7 @@ HAND_FROM_WRIST_AXES = {
 }
 
 
-def grip_from_wrist(wrist: XRPose, side: Side) -> XRPose:
+def convert_wrist_to_grip(wrist: XRPose, side: Side) -> XRPose:
     """Returns the grip pose that results in the same hand pose as a wrist pose."""
     x, y, z, w = wrist.orientation
     seen = Pose(np.array(wrist.position), np.array([w, x, y, z]))
@@ -122,20 +122,20 @@ def grip_from_wrist(wrist: XRPose, side: Side) -> XRPose:
     return XRPose(tuple(grip.pos_w.tolist()), (x, y, z, w))
 
 
-def headset_from_head(registration: Registration, head: Pose) -> XRPose:
-    """Returns the headset's pose, computed from the pose of the head; the inverse of ``head_pose``."""
+def convert_head_to_headset(registration: Registration, head: Pose) -> XRPose:
+    """Returns the headset's pose, computed from the pose of the head; the inverse of ``compute_head_pose``."""
     return registration.from_world(_compose(head, _HEADSET_FROM_HEAD_CENTRE, _DEVICE_FROM_BODY_AXES))
 
 
 _HEADSET_FROM_HEAD_CENTRE = np.array([0.0, -HEADSET_OFFSET_M, 0.0])
 
 
-def grip_from_hand(registration: Registration, hand: Pose) -> XRPose:
-    """Returns the grip pose, computed from the pose of the hand; the inverse of ``hand_pose``."""
+def convert_hand_to_grip(registration: Registration, hand: Pose) -> XRPose:
+    """Returns the grip pose, computed from the pose of the hand; the inverse of ``compute_hand_pose``."""
     return registration.from_world(_compose(hand, np.zeros(3), _DEVICE_FROM_BODY_AXES))
 
 
-_DEVICE_FROM_BODY_AXES = transforms.conjugate(BODY_FROM_DEVICE_AXES)
+_DEVICE_FROM_BODY_AXES = transforms.conjugate(DEVICE_TO_BODY_QUAT)
 GRIP_FROM_WRIST_AXES = {
     side: transforms.multiply(turn, _DEVICE_FROM_BODY_AXES) for side, turn in HAND_FROM_WRIST_AXES.items()
 }
@@ -151,7 +151,7 @@ def _compose(outer: Pose, pos: FloatArray, q: FloatArray) -> Pose:
     return Pose(pos_w, q_w)
 
 
-def controller_pose(grip: XRPose, xr_from_world: XRPose) -> Pose | None:
+def compute_controller_pose(grip: XRPose, xr_from_world: XRPose) -> Pose | None:
     """Returns the pose of a controller's grip in the world frame; ``None`` if one of the poses is invalid.
 
     ``xr_from_world``: pose of the world frame in the ``local-floor`` space of the grip's owner.

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.array_types import FloatArray, IntArray
-from avrgym.models.colours import geom_colours, texture_index, texture_pixels
-from avrgym.vr.scene.geom_meshes import geom_mesh, pose_matrix
-from avrgym.vr.scene.scene_export import geoms_by_body
+from avrgym.models.colours import compute_geom_colours, find_texture_index, read_texture_pixels
+from avrgym.vr.scene.geom_meshes import make_geom_mesh, make_pose_matrix
+from avrgym.vr.scene.scene_export import group_geoms_by_body
 from avrgym.vr.scene.skins import Skin, read_skins
 
 
@@ -25,14 +25,14 @@ class BodySurface:
     rgba: FloatArray
 
 
-def body_surfaces(model: mujoco.MjModel) -> dict[str, list[BodySurface]]:
+def make_body_surfaces(model: mujoco.MjModel) -> dict[str, list[BodySurface]]:
     """Returns the surfaces of a model, by body name. The model must include materials and textures."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    colours = geom_colours(model)
+    colours = compute_geom_colours(model)
     found: dict[str, list[BodySurface]] = {}
-    for carrier, geoms in geoms_by_body(model).items():
-        from_world = np.linalg.inv(pose_matrix(data.xpos[carrier], data.xquat[carrier])).astype(float)
+    for carrier, geoms in group_geoms_by_body(model).items():
+        from_world = np.linalg.inv(make_pose_matrix(data.xpos[carrier], data.xquat[carrier])).astype(float)
         found[model.body(carrier).name] = [
             _of_geom(model, data, geom, from_world, colours[geom]) for geom in geoms
         ]
@@ -47,8 +47,8 @@ def _of_geom(
     model: mujoco.MjModel, data: mujoco.MjData, geom: int, from_world: FloatArray, rgba: FloatArray
 ) -> BodySurface:
     body = model.geom_bodyid[geom]
-    mesh = geom_mesh(model, geom)
-    to_carrier = from_world @ pose_matrix(data.xpos[body], data.xquat[body])
+    mesh = make_geom_mesh(model, geom)
+    to_carrier = from_world @ make_pose_matrix(data.xpos[body], data.xquat[body])
     mesh.apply_transform(to_carrier)  # pyright: ignore[reportUnknownMemberType]
     return BodySurface(
         np.asarray(mesh.vertices), np.asarray(mesh.faces), np.tile(rgba, (len(mesh.vertices), 1))
@@ -57,9 +57,9 @@ def _of_geom(
 
 def _skin_colours(model: mujoco.MjModel, skin: Skin) -> FloatArray:
     """Returns the colour RGBA (V, 4) of each vertex: material colour times texture colour."""
-    colours, texture = skin.rgba.copy(), texture_index(model, skin.material_id)
+    colours, texture = skin.rgba.copy(), find_texture_index(model, skin.material_id)
     if texture >= 0:
-        pixels = texture_pixels(model, texture)
+        pixels = read_texture_pixels(model, texture)
         row, column = (
             np.clip(skin.uv[:, axis] * size, 0, size - 1).astype(int)
             for axis, size in ((1, pixels.shape[0]), (0, pixels.shape[1]))
@@ -83,7 +83,7 @@ def _cut(skin: Skin, colours: FloatArray) -> list[tuple[str, BodySurface]]:
     parts: list[tuple[str, BodySurface]] = []
     for number in map(int, np.unique(of_face)):
         used, faces = np.unique(skin.faces[of_face == number], return_inverse=True)
-        bind = next(bone.inverse_bind for bone in skin.bones if bone.body_name == bodies[number])
+        bind = next(bone.inverse_bind_matrix for bone in skin.bones if bone.body_name == bodies[number])
         vertices = skin.vertices[used] @ bind[:3, :3].T + bind[:3, 3]
         parts.append((bodies[number], BodySurface(vertices, faces.reshape(-1, 3), colours[used])))
     return parts

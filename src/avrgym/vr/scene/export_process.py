@@ -14,7 +14,7 @@ from avrgym.models.cameras import add_wrist_camera
 from avrgym.models.human import Person
 from avrgym.models.scene import build_scene_spec
 from avrgym.system.child_processes import block_terminal_signals, exit_with_parent
-from avrgym.tasks.registry import task_and_scene
+from avrgym.tasks.registry import find_task_and_scene
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.vr.scene.scene_export import export_glb
 
@@ -25,20 +25,20 @@ MAX_CACHED_SCENES = 10
 """Maximum number of cached scenes. A scene needs about 2 MB of memory."""
 
 
-def warm_up() -> None:
+def warm_up_process() -> None:
     """Does nothing. When the process runs this function, it imports its modules, before a scene is requested."""
 
 
 def export_scene(environment_id: str, person: Person, settings: Settings = DEFAULT_SETTINGS) -> bytes:
     """Returns the GLB file of an environment with a person."""
-    return export_glb(model_with_appearance(environment_id, person, settings))
+    return export_glb(build_model_with_appearance(environment_id, person, settings))
 
 
-def model_with_appearance(
+def build_model_with_appearance(
     environment_id: str, person: Person, settings: Settings = DEFAULT_SETTINGS
 ) -> mujoco.MjModel:
     """Returns the model of an environment with a person, including materials, textures and the wrist camera."""
-    _, scene = task_and_scene(environment_id, settings)
+    _, scene = find_task_and_scene(environment_id, settings)
     spec = build_scene_spec(scene, person, moving=True, appearance=True)
     add_wrist_camera(spec, scene)
     return spec.compile()
@@ -52,12 +52,12 @@ class SceneExporter:
         self._scenes: dict[int, Future[bytes]] = {}
         self._lock = threading.Lock()
 
-    def start(self) -> None:
+    def start_process(self) -> None:
         """Start the process in advance, before the first scene is requested."""
         with self._lock:
-            self._submit(warm_up)
+            self._submit(warm_up_process)
 
-    def export(
+    def start_export(
         self, number: int, environment_id: str, person: Person, settings: Settings = DEFAULT_SETTINGS
     ) -> Future[bytes]:
         """Starts the export of scene ``number``, unless it is cached. Returns the future of the GLB file."""
@@ -73,7 +73,7 @@ class SceneExporter:
     ) -> bytes:
         """Waits for the GLB file of scene ``number`` and returns it. After an error, the next request exports it
         again."""
-        scene = self.export(number, environment_id, person, settings)
+        scene = self.start_export(number, environment_id, person, settings)
         try:
             return await asyncio.shield(asyncio.wrap_future(scene))
         except Exception:

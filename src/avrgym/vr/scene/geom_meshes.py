@@ -14,7 +14,7 @@ from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry.transforms import to_matrix
 from avrgym.models.collision_bits import VISUAL_GROUP
 
-MAX_DETAILED_TRIANGLES = 2000
+MAX_UNSIMPLIFIED_TRIANGLES = 2000
 """Meshes with more triangles are simplified. The result has this number, plus a share of the triangles above it."""
 MAX_SMALL_PART_TRIANGLES = 100
 MAX_SHOWN_RATIO = 1 / 6
@@ -29,14 +29,14 @@ SMOOTHING_ANGLE_RAD = np.radians(35.0)
 _simplified_meshes: dict[tuple[bytes, float], trimesh.Trimesh] = {}
 
 
-def geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
+def make_geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
     """Returns the triangle mesh of a geom in the frame of its body, in metres."""
     mesh = _unplaced_mesh(model, geom).copy()
-    mesh.apply_transform(pose_matrix(model.geom_pos[geom], model.geom_quat[geom]))
+    mesh.apply_transform(make_pose_matrix(model.geom_pos[geom], model.geom_quat[geom]))
     return mesh
 
 
-def pose_matrix(pos: FloatArray, q: FloatArray) -> FloatArray:
+def make_pose_matrix(pos: FloatArray, q: FloatArray) -> FloatArray:
     """Returns the homogeneous matrix (4, 4) of a pose."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = to_matrix(q), pos
@@ -82,11 +82,11 @@ def _asset_mesh(model: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
 
 
 def _shown_ratio(model: mujoco.MjModel) -> float:
-    """Returns the ratio of triangles above ``MAX_DETAILED_TRIANGLES`` that a simplified mesh of the model has."""
+    """Returns the ratio of triangles above ``MAX_UNSIMPLIFIED_TRIANGLES`` that a simplified mesh of the model has."""
     shown = (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH) & (model.geom_group == VISUAL_GROUP)
     counts = model.mesh_facenum[model.geom_dataid[shown]]
-    extra = np.maximum(counts - MAX_DETAILED_TRIANGLES, 0).sum()
-    allowed = MAX_MODEL_TRIANGLES - np.minimum(counts, MAX_DETAILED_TRIANGLES).sum()
+    extra = np.maximum(counts - MAX_UNSIMPLIFIED_TRIANGLES, 0).sum()
+    allowed = MAX_MODEL_TRIANGLES - np.minimum(counts, MAX_UNSIMPLIFIED_TRIANGLES).sum()
     return float(np.clip(allowed / max(extra, 1), 0.0, MAX_SHOWN_RATIO))
 
 
@@ -94,9 +94,9 @@ def _simplified(full: trimesh.Trimesh, ratio: float) -> trimesh.Trimesh:
     """Returns the mesh with fewer triangles, smooth normals and sharp edges; ``ratio`` as in ``_shown_ratio``."""
     full.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=WELD_DECIMALS)
     full.update_faces(full.nondegenerate_faces())
-    extra = len(full.faces) - MAX_DETAILED_TRIANGLES
+    extra = len(full.faces) - MAX_UNSIMPLIFIED_TRIANGLES
     if extra > 0:
-        full = _decimated(full, MAX_DETAILED_TRIANGLES + int(ratio * extra))
+        full = _decimated(full, MAX_UNSIMPLIFIED_TRIANGLES + int(ratio * extra))
     return cast(trimesh.Trimesh, trimesh.graph.smooth_shade(full, angle=SMOOTHING_ANGLE_RAD))
 
 

@@ -32,19 +32,24 @@ from PIL import Image
 from avrgym.array_types import FloatArray
 from avrgym.models import human
 from avrgym.models.collision_bits import VISUAL_GROUP
-from avrgym.models.colours import geom_colours, linear_from_srgb, texture_index, texture_pixels
+from avrgym.models.colours import (
+    compute_geom_colours,
+    convert_srgb_to_linear,
+    find_texture_index,
+    read_texture_pixels,
+)
 from avrgym.models.scene import SCENE_TOOL_BODY
-from avrgym.vr.scene.geom_meshes import geom_mesh, pose_matrix
+from avrgym.vr.scene.geom_meshes import make_geom_mesh, make_pose_matrix
 from avrgym.vr.scene.glb_writer import GlbWriter
 from avrgym.vr.scene.skins import Bone, Skin, add_cap, merge_skins, read_skins
 
 ColouredMesh = tuple[trimesh.Trimesh, FloatArray]
 """(mesh, its colour (4,): red, green, blue, alpha)."""
 
-HEAD_BODY = human.PREFIX + "head"
+HEAD_BODY = human.PERSON_NAME_PREFIX + "head"
 DEFAULT_ROUGHNESS = 0.75
 """Roughness (0 to 1) of geoms without a roughness in their material, similar to MuJoCo's renderer."""
-MIN_INSTANCES = 3
+MIN_INSTANCED_BODIES = 3
 """Minimum number of identical bodies that become instances of one mesh."""
 _SHORT, _BYTE = np.iinfo(np.int16).max, np.iinfo(np.int8).max
 
@@ -56,7 +61,7 @@ class SurfaceMaterial:
     ``texture_id`` is the id of a texture in the model, or −1. Cloth is ``two_sided``.
     """
 
-    metallic: float
+    metallic_factor: float
     roughness: float
     alpha: float
     texture_id: int = -1
@@ -72,7 +77,7 @@ class SurfaceMaterial:
             (model.mat_metallic[material], model.mat_roughness[material]) if material >= 0 else (-1.0, -1.0)
         )
         return cls(
-            metallic=round(2.0 * float(metallic)) / 2.0 if metallic >= 0.0 else 0.0,
+            metallic_factor=round(2.0 * float(metallic)) / 2.0 if metallic >= 0.0 else 0.0,
             roughness=round(4.0 * float(roughness)) / 4.0 if roughness >= 0.0 else DEFAULT_ROUGHNESS,
             alpha=round(float(alpha), 2),
             texture_id=texture,
@@ -87,7 +92,7 @@ def export_glb(model: mujoco.MjModel) -> bytes:
 class _Export:
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model, self._glb = model, GlbWriter()
-        self._colours = geom_colours(model)
+        self._colours = compute_geom_colours(model)
         self._data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, self._data)
         self._roots: list[int] = []
@@ -95,7 +100,7 @@ class _Export:
         self._joints: dict[tuple[str, bool], int] = {}
 
     def run(self) -> bytes:
-        carried = geoms_by_body(self._model)
+        carried = group_geoms_by_body(self._model)
         for bodies in _instances(self._model, self._colours, carried):
             self._add_copies(bodies, carried.pop(bodies[0]))
             for body in bodies[1:]:
@@ -156,11 +161,11 @@ class _Export:
     def _by_finish(self, carrier: int, geoms: Iterable[int]) -> dict[SurfaceMaterial, list[ColouredMesh]]:
         """Returns the geoms of one node, by surface material, in the frame of the node's body."""
         pieces: dict[SurfaceMaterial, list[ColouredMesh]] = {}
-        from_world = np.linalg.inv(pose_matrix(self._data.xpos[carrier], self._data.xquat[carrier]))
+        from_world = np.linalg.inv(make_pose_matrix(self._data.xpos[carrier], self._data.xquat[carrier]))
         for geom in geoms:
             body, colour = self._model.geom_bodyid[geom], self._colours[geom]
-            mesh = geom_mesh(self._model, geom)
-            mesh.apply_transform(from_world @ pose_matrix(self._data.xpos[body], self._data.xquat[body]))
+            mesh = make_geom_mesh(self._model, geom)
+            mesh.apply_transform(from_world @ make_pose_matrix(self._data.xpos[body], self._data.xquat[body]))
             finish = SurfaceMaterial.from_material(self._model, int(self._model.geom_matid[geom]), colour[3])
             pieces.setdefault(finish, []).append((mesh, colour))
         return pieces
@@ -186,7 +191,7 @@ class _Export:
         quantised: bool = True,
     ) -> dict[str, int]:
         places = np.round(vertices / scale * _SHORT).astype(np.int16) if quantised else vertices.astype("<f4")
-        linear = linear_from_srgb(rgba[:, :3])
+        linear = convert_srgb_to_linear(rgba[:, :3])
         return {
             "POSITION": self._glb.add_vertices(places, normalized=quantised),
             "NORMAL": self._glb.add_vertices(np.round(normals * _BYTE).astype(np.int8), normalized=True),
@@ -209,12 +214,12 @@ class _Export:
         """
         groups: dict[tuple[bool, SurfaceMaterial], list[Skin]] = {}
         skins = list(read_skins(self._model))
-        head = [skin for skin in skins if skin.main_body == HEAD_BODY]
+        head = [skin for skin in skins if skin.main_body_name == HEAD_BODY]
         for skin in skins:
-            of_head = skin.main_body == HEAD_BODY
+            of_head = skin.main_body_name == HEAD_BODY
             if not of_head:
                 skin = reduce(add_cap, head, skin)
-            texture = texture_index(self._model, skin.material_id)
+            texture = find_texture_index(self._model, skin.material_id)
             finish = SurfaceMaterial.from_material(
                 self._model, skin.material_id, float(skin.rgba[0, 3]), texture
             )
@@ -231,9 +236,9 @@ class _Export:
         mesh = self._add_primitive(attributes, skin.faces, finish)
         joints = [self._joint(bone) for bone in skin.bones]
         grown = np.diag([scale, scale, scale, 1.0])
-        inverse = self._glb.add_matrices(np.stack([bone.inverse_bind @ grown for bone in skin.bones]))
+        inverse = self._glb.add_matrices(np.stack([bone.inverse_bind_matrix @ grown for bone in skin.bones]))
         rig = self._glb.add_element("skins", joints=joints, inverseBindMatrices=inverse)
-        extras = {"skin_of": skin.main_body}
+        extras = {"skin_of": skin.main_body_name}
         self._roots.append(self._glb.add_element("nodes", name=skin.name, mesh=mesh, skin=rig, extras=extras))
 
     def _joint(self, bone: Bone) -> int:
@@ -273,7 +278,7 @@ class _Export:
     def _material(self, finish: SurfaceMaterial) -> int:
         if finish not in self._finishes:
             surface = {
-                "metallicFactor": finish.metallic,
+                "metallicFactor": finish.metallic_factor,
                 "roughnessFactor": finish.roughness,
                 **self._texture(finish.texture_id),
             }
@@ -290,15 +295,15 @@ class _Export:
         if texture < 0:
             return {}
         encoded = io.BytesIO()
-        Image.fromarray(texture_pixels(self._model, texture)).save(encoded, "JPEG", quality=88)
+        Image.fromarray(read_texture_pixels(self._model, texture)).save(encoded, "JPEG", quality=88)
         return {"baseColorTexture": {"index": self._glb.add_texture(encoded.getvalue(), "image/jpeg")}}
 
 
-def geoms_by_body(model: mujoco.MjModel) -> dict[int, list[int]]:
+def group_geoms_by_body(model: mujoco.MjModel) -> dict[int, list[int]]:
     """Returns the ids of visible geoms, by body id. Bodies that are fixed to each other have the id of their topmost
     body."""
     found: dict[int, list[int]] = {}
-    visible = (model.geom_group == VISUAL_GROUP) & (geom_colours(model)[:, 3] > 0.0)
+    visible = (model.geom_group == VISUAL_GROUP) & (compute_geom_colours(model)[:, 3] > 0.0)
     for geom in range(model.ngeom):
         if visible[geom]:
             found.setdefault(_carrier(model, int(model.geom_bodyid[geom])), []).append(geom)
@@ -321,7 +326,7 @@ def _carrier(model: mujoco.MjModel, body: int) -> int:
 
 
 def _instances(model: mujoco.MjModel, colours: FloatArray, carried: dict[int, list[int]]) -> list[list[int]]:
-    """Returns groups of at least ``MIN_INSTANCES`` identical bodies with one geom each, as body ids."""
+    """Returns groups of at least ``MIN_INSTANCED_BODIES`` identical bodies with one geom each, as body ids."""
     groups: dict[tuple[object, ...], list[int]] = {}
     for body, geoms in carried.items():
         if len(geoms) == 1 and model.geom_type[geoms[0]] != mujoco.mjtGeom.mjGEOM_MESH:
@@ -329,7 +334,7 @@ def _instances(model: mujoco.MjModel, colours: FloatArray, carried: dict[int, li
             looks = model.geom_type[geom], model.geom_matid[geom], *colours[geom], *model.geom_size[geom]
             place = *model.geom_pos[geom], *model.geom_quat[geom]
             groups.setdefault((*looks, *place), []).append(body)
-    return [bodies for bodies in groups.values() if len(bodies) >= MIN_INSTANCES]
+    return [bodies for bodies in groups.values() if len(bodies) >= MIN_INSTANCED_BODIES]
 
 
 def _full_range(shares: FloatArray, kind: type[np.unsignedinteger[Any]]) -> NDArray[np.unsignedinteger[Any]]:

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.array_types import BoolArray, FloatArray, NumpyArray
-from avrgym.models.colours import skin_colours
-from avrgym.vr.scene.geom_meshes import pose_matrix
+from avrgym.models.colours import compute_skin_colours
+from avrgym.vr.scene.geom_meshes import make_pose_matrix
 
 BONES_PER_VERTEX = 4
-SWING_BONE_BODIES = ("upper_arm", "forearm")
+SWING_BONE_BODY_SUFFIXES = ("upper_arm", "forearm")
 """Endings of the names of bodies that have a swing bone."""
 WELD_DISTANCE_M = 1e-5
 """Vertices of two skins are considered the same if their distance is below this value in metres."""
@@ -29,12 +29,12 @@ WELD_DISTANCE_M = 1e-5
 class Bone:
     """A bone of a skin. It follows a body; if ``is_swing`` is true, it follows only the swing of this body.
 
-    ``inverse_bind`` (4, 4) transforms the skin at rest into the frame of the bone.
+    ``inverse_bind_matrix`` (4, 4) transforms the skin at rest into the frame of the bone.
     """
 
     body_name: str
     is_swing: bool
-    inverse_bind: FloatArray
+    inverse_bind_matrix: FloatArray
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Skin:
     bone_weights: FloatArray
 
     @property
-    def main_body(self) -> str:
+    def main_body_name(self) -> str:
         """Name of the body with the largest total weight."""
         shares = [self.bone_weights[self.bone_indices == number].sum() for number in range(len(self.bones))]
         return self.bones[int(np.argmax(shares))].body_name
@@ -65,7 +65,7 @@ class Skin:
 
 def read_skins(model: mujoco.MjModel) -> Iterator[Skin]:
     """Yields all skins of a model. Adjacent skins of one material have the same normals at their border."""
-    normals, colours = _normals(model), skin_colours(model)
+    normals, colours = _normals(model), compute_skin_colours(model)
     for skin in range(model.nskin):
         count: int = model.skin_vertnum[skin]
         bones, weights = _bones(model, skin)
@@ -194,12 +194,12 @@ def _bones(model: mujoco.MjModel, skin: int) -> tuple[tuple[Bone, ...], FloatArr
     first = model.skin_boneadr[skin]
     for bone in range(first, first + model.skin_bonenum[skin]):
         body = model.body(model.skin_bonebodyid[bone])
-        bind = pose_matrix(model.skin_bonebindpos[bone], model.skin_bonebindquat[bone])
+        bind = make_pose_matrix(model.skin_bonebindpos[bone], model.skin_bonebindquat[bone])
         inverse_bind = np.linalg.inv(bind).astype(float)
         weight = np.zeros(len(vertices))
         held = _rows(model.skin_bonevertid, model.skin_bonevertadr, model.skin_bonevertnum, bone)
         weight[held] = _rows(model.skin_bonevertweight, model.skin_bonevertadr, model.skin_bonevertnum, bone)
-        if body.name.endswith(SWING_BONE_BODIES):
+        if body.name.endswith(SWING_BONE_BODY_SUFFIXES):
             down = vertices @ inverse_bind[2, :3] + inverse_bind[2, 3]
             share = np.clip(down / _end_z(model, body.id), 0.0, 1.0)
             bones.append(Bone(body.name, True, inverse_bind))

@@ -22,11 +22,11 @@ OTHER_ORIGIN_TEXT = "this page comes from another server; open the address that 
 class AuthenticatedClient:
     """An authenticated client: the role of its token, and the experimenter's name.
 
-    ``experimenter_name`` is empty if the token is not personal.
+    ``user_name`` is empty if the token is not personal.
     """
 
     role: Role
-    experimenter_name: str = ""
+    user_name: str = ""
 
 
 @dataclass(frozen=True)
@@ -38,16 +38,16 @@ class TokenRejection:
     language: Language | None = None
 
 
-MISSING_TOKEN = TokenRejection(
+MISSING_TOKEN_REJECTION = TokenRejection(
     4401, "this address contains no token; open the complete address that the server printed"
 )
-OUTDATED_TOKEN = TokenRejection(
+OUTDATED_TOKEN_REJECTION = TokenRejection(
     4403, "this address is from an earlier start of the server; open the address that it printed last"
 )
-EXPIRED_LINK = TokenRejection(
+EXPIRED_LINK_REJECTION = TokenRejection(
     4410, "this link has expired with its session; open the link of the current session"
 )
-CODE_REQUIRED = TokenRejection(
+CODE_REQUIRED_REJECTION = TokenRejection(
     4411, "this page needs the link of a session, or the code that the dashboard shows"
 )
 """WebSocket closing codes. ``client/src/session/display-state.ts`` maps them to texts in the participant's language."""
@@ -63,7 +63,7 @@ class Tokens:
     demonstrator: Token = field(default_factory=lambda: secrets.token_urlsafe(TOKEN_BYTES), kw_only=True)
 
     @classmethod
-    def new(cls) -> "Tokens":
+    def generate(cls) -> "Tokens":
         """Returns new random secrets, one for each role."""
         return cls(*(secrets.token_urlsafe(TOKEN_BYTES) for _ in range(3)))
 
@@ -78,7 +78,7 @@ class Tokens:
         """
         data = path.read_bytes() if path.exists() else b""
         try:
-            tokens = msgspec.json.decode(data, type=cls) if path.exists() else cls.new()
+            tokens = msgspec.json.decode(data, type=cls) if path.exists() else cls.generate()
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
             raise ValueError(f"{path} contains no tokens: {error}; delete it to create new ones") from None
         complete = msgspec.json.encode(tokens)
@@ -87,7 +87,7 @@ class Tokens:
             write_atomically(path, complete, PRIVATE_FILE_MODE)
         return tokens
 
-    def client_of_token(self, token: str) -> AuthenticatedClient | None:
+    def find_client_by_token(self, token: str) -> AuthenticatedClient | None:
         """Returns the client with this token; ``None`` for an unknown token."""
         found: AuthenticatedClient | None = None
         for role in ("participant", "experimenter", "spectator", "demonstrator"):
@@ -95,14 +95,14 @@ class Tokens:
                 found = AuthenticatedClient(role)
         return found
 
-    def rejection_of(self, token: str) -> TokenRejection:
+    def find_rejection(self, token: str) -> TokenRejection:
         """Returns the reason for rejecting an unknown token, or a token of another role."""
-        return OUTDATED_TOKEN if token else MISSING_TOKEN
+        return OUTDATED_TOKEN_REJECTION if token else MISSING_TOKEN_REJECTION
 
-    def client_of_request(self, headers: Headers) -> AuthenticatedClient | None:
+    def authenticate_request(self, headers: Headers) -> AuthenticatedClient | None:
         """Returns the client with the bearer token of a request; ``None`` without a known token."""
         scheme, _, token = headers.get("authorization", "").partition(" ")
-        return self.client_of_token(token) if scheme == "Bearer" else None
+        return self.find_client_by_token(token) if scheme == "Bearer" else None
 
 
 class SameOriginMiddleware:

@@ -11,35 +11,35 @@ from avrgym.vr.protocol.messages import (
     MAX_UNACKNOWLEDGED_STATES,
     DemonstrationProgress,
     Message,
-    Pressed,
+    ParticipantTargets,
     Problem,
     Role,
     Scene,
-    State,
-    Status,
-    Targets,
-    Timing,
+    SessionStatus,
+    TargetSelected,
+    TickTiming,
     ToolForce,
     Welcome,
+    WorldState,
 )
-from avrgym.vr.server.authentication import EXPIRED_LINK, TokenRejection
+from avrgym.vr.server.authentication import EXPIRED_LINK_REJECTION, TokenRejection
 
 T = TypeVar("T")
 
 MAX_OUTBOX_MESSAGES = 1000
 """Maximum number of waiting messages of a connection. If there are more, the oldest messages are dropped."""
-WATCHER_ONLY_MESSAGES = (Status, Timing, DemonstrationProgress)
+WATCHER_ONLY_MESSAGES = (SessionStatus, TickTiming, DemonstrationProgress)
 
 
-def is_for_role(message: Message, role: Role) -> bool:
+def is_message_for_role(message: Message, role: Role) -> bool:
     """Returns whether clients with this role receive a message."""
     if isinstance(message, Problem):
         return role in ("experimenter", message.role)
     if isinstance(message, ToolForce):
         return role == "demonstrator"
-    if isinstance(message, Targets):
+    if isinstance(message, ParticipantTargets):
         return role == "experimenter"
-    if isinstance(message, Pressed):
+    if isinstance(message, TargetSelected):
         return role == "participant"
     return role != "participant" or not isinstance(message, WATCHER_ONLY_MESSAGES)
 
@@ -48,7 +48,7 @@ CLOSE_ALL_TIMEOUT_S = 1.0
 """Maximum time in seconds for closing all connections when the server stops."""
 
 
-class ConnectionEnd(Exception):
+class ConnectionClosedError(Exception):
     """Raised after all queued messages are sent and the connection closes. ``close_code``: WebSocket close code."""
 
     def __init__(self, reason: str, code: int) -> None:
@@ -69,11 +69,11 @@ class Outbox:
 
     def __init__(self) -> None:
         self._messages: deque[Message] = deque(maxlen=MAX_OUTBOX_MESSAGES)
-        self._state: tuple[State, float] | None = None
-        self.created_s = 0.0
+        self._state: tuple[WorldState, float] | None = None
+        self.latest_state_time_s = 0.0
         self._sent_states = self._received_states = 0
         self._welcomed = False
-        self._farewell: ConnectionEnd | None = None
+        self._farewell: ConnectionClosedError | None = None
         self._filled = asyncio.Event()
 
     def push(self, message: Message, created_s: float = 0.0) -> None:
@@ -81,7 +81,7 @@ class Outbox:
         self._welcomed = self._welcomed or isinstance(message, Welcome)
         if not self._welcomed or self._farewell is not None:
             return
-        if isinstance(message, State):
+        if isinstance(message, WorldState):
             self._state = message, created_s
         else:
             self._messages.append(message)
@@ -95,11 +95,11 @@ class Outbox:
 
     def close(self, reason: str, code: int = 1001) -> None:
         """Close the connection after all waiting messages. Later messages are discarded."""
-        self._farewell = ConnectionEnd(reason, code)
+        self._farewell = ConnectionClosedError(reason, code)
         self._filled.set()
 
     async def next_message(self) -> Message:
-        """Wait for the next message to send. Raises ``ConnectionEnd`` when the connection closes."""
+        """Wait for the next message to send. Raises ``ConnectionClosedError`` when the connection closes."""
         while True:
             if self._messages:
                 return self._messages.popleft()
@@ -108,7 +108,7 @@ class Outbox:
                 and self._sent_states < self._received_states + MAX_UNACKNOWLEDGED_STATES
             ):
                 self._sent_states += 1
-                (state, self.created_s), self._state = self._state, None
+                (state, self.latest_state_time_s), self._state = self._state, None
                 return state
             if self._farewell is not None:
                 raise self._farewell
@@ -117,7 +117,9 @@ class Outbox:
 
 
 class Broadcast:
-    """Passes each message of the simulation's thread to all connections that may receive it, see ``is_for_role``."""
+    """Passes each message of the simulation's thread to all connections that may receive it, see
+    ``is_message_for_role``.
+    """
 
     def __init__(self) -> None:
         self._events: asyncio.AbstractEventLoop | None = None
@@ -129,17 +131,19 @@ class Broadcast:
         """Whether the connection of a participant is open."""
         return self._participant is not None
 
-    def has(self, role: Role) -> bool:
+    def has_connection(self, role: Role) -> bool:
         """Whether a connection in this role is open."""
         watching = any(each == role for each, _ in self._watchers)
         return self.has_participant if role == "participant" else watching
 
     def send(self, message: Message) -> None:
-        """Send a message to all connections for which ``is_for_role`` is true. Call it from the simulation's thread."""
+        """Send a message to all connections for which ``is_message_for_role`` is true. Call it from the simulation's
+        thread.
+        """
         if self._participant is not None or self._watchers:
             self._call(lambda created_s: self._deliver(message, created_s), time.monotonic())
 
-    def sender(self, outbox: Outbox) -> Callable[[Message], None]:
+    def make_sender(self, outbox: Outbox) -> Callable[[Message], None]:
         """Returns a function that sends a message to one connection. Call it from the simulation's thread."""
         return lambda message: self._call(outbox.push, message)
 
@@ -153,7 +157,7 @@ class Broadcast:
         finally:
             self._leave(outbox)
 
-    def close_all(self, reason: str) -> None:
+    def close_all_connections(self, reason: str) -> None:
         """Close all connections with this reason. Call it from a thread other than the event loop's."""
         ends_s = time.monotonic() + CLOSE_ALL_TIMEOUT_S
         while self._participant is not None or self._watchers:
@@ -164,9 +168,9 @@ class Broadcast:
                 return
             time.sleep(0.01)
 
-    def close_participant(self) -> None:
+    def close_participant_connection(self) -> None:
         """Close the participant's connection after all queued messages, because the link has expired."""
-        self._call(self._dismiss, EXPIRED_LINK)
+        self._call(self._dismiss, EXPIRED_LINK_REJECTION)
 
     def _dismiss(self, why: TokenRejection) -> None:
         if self._participant is not None:
@@ -184,10 +188,10 @@ class Broadcast:
         self._watchers = [each for each in self._watchers if each[1] is not outbox]
 
     def _deliver(self, message: Message, created_s: float) -> None:
-        if self._participant is not None and is_for_role(message, "participant"):
+        if self._participant is not None and is_message_for_role(message, "participant"):
             self._participant.push(message, created_s)
         for role, watcher in self._watchers:
-            if is_for_role(message, role):
+            if is_message_for_role(message, role):
                 watcher.push(message)
 
     def _call(self, function: Callable[[T], None], told: T) -> None:

@@ -17,8 +17,8 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from avrgym.system.files import write_atomically
 
-VALID_DAYS = 90
-RENEWAL_DAYS = 14
+CERTIFICATE_VALIDITY_DAYS = 90
+MIN_REMAINING_VALIDITY_DAYS = 14
 TEST_NET_ADDRESS = "192.0.2.1"
 """An address that no host has (RFC 5737). The route to this address starts at this computer's own address. No packet is
 sent."""
@@ -33,7 +33,7 @@ class Certificate:
     host_names: tuple[str, ...]
 
 
-def lan_host_names() -> tuple[str, ...]:
+def find_lan_host_names() -> tuple[str, ...]:
     """Returns this computer's address and host names in the local network."""
     host = socket.gethostname().partition(".")[0].lower()
     return (*_lan_addresses(), host, f"{host}.local")
@@ -55,18 +55,18 @@ def load_or_create_certificate(names: Sequence[str], folder: Path) -> Certificat
     Creates a new certificate if it is missing, expires soon, or is not valid for one of ``names``.
     """
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    found = certificate_in_folder(folder, names)
-    if renewal_reason(found) is not None:
+    found = locate_certificate(folder, names)
+    if find_renewal_reason(found) is not None:
         _make(found)
     return found
 
 
-def certificate_in_folder(folder: Path, names: Sequence[str]) -> Certificate:
+def locate_certificate(folder: Path, names: Sequence[str]) -> Certificate:
     """Returns a certificate with these names and with paths in this folder. The files need not exist."""
     return Certificate(folder / "certificate.pem", folder / "key.pem", tuple(names))
 
 
-def renewal_reason(wanted: Certificate) -> str | None:
+def find_renewal_reason(wanted: Certificate) -> str | None:
     """Returns the reason why a new certificate is needed; ``None`` if the current one is valid."""
     try:
         certificate = x509.load_pem_x509_certificate(wanted.certificate_file.read_bytes())
@@ -76,7 +76,7 @@ def renewal_reason(wanted: Certificate) -> str | None:
     if certificate.public_key() != key.public_key():
         return "its key does not match"
     ends = certificate.not_valid_after_utc
-    if ends <= datetime.timedelta(days=RENEWAL_DAYS) + datetime.datetime.now(datetime.UTC):
+    if ends <= datetime.timedelta(days=MIN_REMAINING_VALIDITY_DAYS) + datetime.datetime.now(datetime.UTC):
         return f"it expires on {ends:%Y-%m-%d}"
     known = set(certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value)
     if not set(_alternative_names(wanted.host_names)) <= known:
@@ -111,7 +111,7 @@ def _signed(key: ec.EllipticCurvePrivateKey, names: Sequence[str]) -> x509.Certi
         .public_key(key.public_key())
         .serial_number(x509.random_serial_number())
         .not_valid_before(now - datetime.timedelta(days=1))
-        .not_valid_after(now + datetime.timedelta(days=VALID_DAYS))
+        .not_valid_after(now + datetime.timedelta(days=CERTIFICATE_VALIDITY_DAYS))
         .add_extension(x509.SubjectAlternativeName(_alternative_names(names)), critical=False)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), critical=False)

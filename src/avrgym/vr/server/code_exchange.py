@@ -5,13 +5,13 @@ from collections.abc import Awaitable, Callable
 import msgspec
 from fastapi import HTTPException, Request, Response
 
-from avrgym.vr.server.request_body import json_response, read_json_body
+from avrgym.vr.server.request_body import make_json_response, read_json_body
 from avrgym.vr.server.session_links import CodeError, SessionLinks, TooManyWrongCodesError
 
-MAX_BODY_BYTES = 1000
+MAX_REQUEST_BODY_BYTES = 1000
 
 
-class EnteredCode(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class HeadsetCodeRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The digits of the code that was entered on a headset."""
 
     code: str
@@ -28,14 +28,14 @@ def make_code_endpoint(links: SessionLinks) -> Callable[[Request], Awaitable[Res
             raise HTTPException(429, str(error)) from None
         except CodeError as error:
             raise HTTPException(403, str(error)) from None
-        return json_response({"token": token})
+        return make_json_response({"token": token})
 
     return exchange
 
 
-async def _read(request: Request) -> EnteredCode:
-    data = await read_json_body(request, MAX_BODY_BYTES)
+async def _read(request: Request) -> HeadsetCodeRequest:
+    data = await read_json_body(request, MAX_REQUEST_BODY_BYTES)
     try:
-        return msgspec.json.decode(data, type=EnteredCode)
+        return msgspec.json.decode(data, type=HeadsetCodeRequest)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         raise HTTPException(422, 'send the code as {"code": "123456"}') from None

@@ -14,27 +14,27 @@ from fastapi import WebSocket, WebSocketDisconnect
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
     TICK_S,
-    Demonstrate,
+    ControllerPoseCommand,
+    DemonstrationCommand,
     DemonstratorDisconnected,
-    Drive,
     Hello,
     Message,
     OperatorRole,
+    OtherPersonRobotCommand,
     ParticipantDisconnected,
-    Passed,
     Problem,
-    Receipt,
     Role,
     Scene,
-    SceneWatched,
-    State,
-    Steer,
-    Tracking,
-    WatcherRobotCommand,
+    StateReceipt,
+    TrackingFrameMessage,
+    TrackingFrameTimes,
+    VelocityCommand,
+    WatcherSceneLoaded,
+    WorldState,
 )
 from avrgym.vr.protocol.state_encoding import StateEncoder
-from avrgym.vr.server.authentication import EXPIRED_LINK, AuthenticatedClient, Tokens
-from avrgym.vr.server.broadcast import Broadcast, ConnectionEnd, Outbox
+from avrgym.vr.server.authentication import EXPIRED_LINK_REJECTION, AuthenticatedClient, Tokens
+from avrgym.vr.server.broadcast import Broadcast, ConnectionClosedError, Outbox
 from avrgym.vr.server.connection_limits import ConnectionLimiter
 from avrgym.vr.server.inbox import stops_robot
 from avrgym.vr.server.real_time_loop import RealTimeLoop, S
@@ -52,17 +52,17 @@ a network interruption, it sends the frames of up to seven seconds in a burst.""
 class Channel:
     """A type of WebSocket connection: the roles that may open it and the messages that it accepts.
 
-    ``decode`` decodes a message. ``message_union`` is the union of the messages' types.
+    ``decode_message`` decodes a message. ``message_types`` is the union of the messages' types.
     """
 
     allowed_roles: tuple[Role, ...]
-    decode: Callable[[bytes], Any]
-    message_union: Any
+    decode_message: Callable[[bytes], Any]
+    message_types: Any
 
     @property
     def message_tags(self) -> str:
         """The tags of the accepted messages, separated by commas."""
-        return ", ".join(kind.__struct_config__.tag for kind in get_args(self.message_union))
+        return ", ".join(kind.__struct_config__.tag for kind in get_args(self.message_types))
 
 
 SINGLE_CONNECTION_ROLES: tuple[Role, ...] = ("participant", "demonstrator")
@@ -100,14 +100,14 @@ class FrameLatencyTracker:
         if len(self._received_s) > MAX_STORED_FRAME_TIMES:
             del self._received_s[next(iter(self._received_s))]
 
-    def newest_frame_times(self, state: State, created_s: float) -> Passed | None:
+    def pop_newest_frame_times(self, state: WorldState, created_s: float) -> TrackingFrameTimes | None:
         """Returns the times of the newest frame in a state that is sent now; ``None`` if an earlier state already
         included it.
         """
-        received_s = self._received_s.pop(state.tracking_sequence, None)
+        received_s = self._received_s.pop(state.tracking_sequence_number, None)
         if received_s is None:
             return None
-        return Passed(state.tracking_sequence, received_s, created_s, time.monotonic())
+        return TrackingFrameTimes(state.tracking_sequence_number, received_s, created_s, time.monotonic())
 
 
 MAX_STORED_FRAME_TIMES = 1000
@@ -117,11 +117,13 @@ CommandRecorder = Callable[[AuthenticatedClient, Any], None]
 """Function that is called with the first message (``Hello``) of each watcher, and with each command before its
 execution. It must not block."""
 
-PARTICIPANT_CHANNEL = Channel(("participant",), messages.decode_client, messages.ClientMessage)
+PARTICIPANT_CHANNEL = Channel(
+    ("participant",), messages.decode_participant_message, messages.ParticipantMessage
+)
 WATCHER_CHANNEL = Channel(
     ("experimenter", "caregiver", "demonstrator", "spectator"),
-    messages.decode_experimenter,
-    messages.ExperimenterMessage,
+    messages.decode_watcher_message,
+    messages.WatcherMessage,
 )
 
 
@@ -137,7 +139,7 @@ async def serve_connection(
     """Authenticate a client, then receive and send messages until the connection closes."""
     await socket.accept()
     hello = await _authenticate(socket, channel, tokens, broadcast)
-    caller = None if hello is None else tokens.client_of_token(hello.token)
+    caller = None if hello is None else tokens.find_client_by_token(hello.token)
     if hello is None or caller is None:
         return
     role = caller.role
@@ -145,7 +147,7 @@ async def serve_connection(
     if role != "participant":
         record(caller, hello)
     with broadcast.register_connection(role) as outbox:
-        loop.send_initial_state(broadcast.sender(outbox), role)
+        loop.send_initial_state(broadcast.make_sender(outbox), role)
         frame_times = FrameLatencyTracker()
         await _until_either(
             _receive(
@@ -161,14 +163,18 @@ async def serve_connection(
 
 
 def _opens(tokens: Tokens, hello: Hello) -> bool:
-    return tokens.client_of_token(hello.token) is not None
+    return tokens.find_client_by_token(hello.token) is not None
 
 
 async def _until_revoked(socket: WebSocket, tokens: Tokens, hello: Hello, role: Role) -> None:
     """Check the token of the connection repeatedly. Close the connection when the token is revoked."""
     while _opens(tokens, hello):
         await asyncio.sleep(TOKEN_CHECK_INTERVAL_S)
-    ended = (EXPIRED_LINK.close_code, EXPIRED_LINK.message) if role == "participant" else (4403, _REVOKED)
+    ended = (
+        (EXPIRED_LINK_REJECTION.close_code, EXPIRED_LINK_REJECTION.message)
+        if role == "participant"
+        else (4403, _REVOKED)
+    )
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):
         await socket.close(*ended)
 
@@ -183,7 +189,7 @@ async def _authenticate(
     refusal = 4400, f"the first message must be a hello of protocol {messages.PROTOCOL_VERSION}"
     hello = language = None
     try:
-        hello = channel.decode(await asyncio.wait_for(socket.receive_bytes(), HELLO_TIMEOUT_S))
+        hello = channel.decode_message(await asyncio.wait_for(socket.receive_bytes(), HELLO_TIMEOUT_S))
     except TimeoutError:
         refusal = 4408, f"no hello was received within {HELLO_TIMEOUT_S:g} s; connect again"
     except (msgspec.DecodeError, KeyError, WebSocketDisconnect):
@@ -191,11 +197,11 @@ async def _authenticate(
     if isinstance(hello, Hello) and hello.protocol != messages.PROTOCOL_VERSION:
         refusal = 4400, _OTHER_VERSION.format(hello.protocol)
     elif isinstance(hello, Hello):
-        caller = tokens.client_of_token(hello.token)
+        caller = tokens.find_client_by_token(hello.token)
         if caller is None or caller.role not in channel.allowed_roles:
-            why = tokens.rejection_of(hello.token)
+            why = tokens.find_rejection(hello.token)
             refusal, language = (why.close_code, why.message), why.language
-        elif caller.role in SINGLE_CONNECTION_ROLES and broadcast.has(caller.role):
+        elif caller.role in SINGLE_CONNECTION_ROLES and broadcast.has_connection(caller.role):
             refusal = (
                 4409,
                 f"a {caller.role} is already connected; only one is allowed, so close the other page first",
@@ -204,8 +210,8 @@ async def _authenticate(
             return hello
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):
         if language is not None:
-            await socket.send_bytes(messages.encode(language))
-        await socket.send_bytes(messages.encode(Problem(message=refusal[1])))
+            await socket.send_bytes(messages.encode_message(language))
+        await socket.send_bytes(messages.encode_message(Problem(message=refusal[1])))
         await socket.close(*refusal)
     return None
 
@@ -252,12 +258,12 @@ async def _receive(
             message = _decode(frame.get("bytes"), channel, outbox.push)
             if isinstance(message, Hello):
                 outbox.push(Problem(message="only the first message may be a hello"))
-            elif isinstance(message, Receipt):
+            elif isinstance(message, StateReceipt):
                 outbox.acknowledge_states(message.num_states)
             elif message is not None and (refusal := _refusal(caller.role, message)):
                 outbox.push(Problem(message=refusal, role=caller.role))
             elif message is not None:
-                if isinstance(message, Tracking):
+                if isinstance(message, TrackingFrameMessage):
                     frame_times.record_arrival(message.sequence)
                 if not stops_robot(message):
                     await _until(lambda: not loop.inbox_is_full)
@@ -273,15 +279,17 @@ def _refusal(role: Role, message: object) -> str:
     """Returns the reason why a role may not send this message; empty if the message is allowed."""
     if role == "spectator":
         return "spectators may send no commands; open the experimenter's address"
-    if isinstance(message, WatcherRobotCommand):
+    if isinstance(message, OtherPersonRobotCommand):
         return "" if message.source == role else f"the source of commands from this page must be {role}"
-    if isinstance(message, Drive) and message.source != _OPERATOR_ROLES.get(role):
+    if isinstance(message, VelocityCommand) and message.source != _OPERATOR_ROLES.get(role):
         return f"{role}s may not drive the robot as {message.source}"
-    if isinstance(message, Steer) and role != "demonstrator":
+    if isinstance(message, ControllerPoseCommand) and role != "demonstrator":
         return "only demonstrators may steer the robot; open the demonstrator's address"
-    if role == "caregiver" and not isinstance(message, SceneWatched):
+    if role == "caregiver" and not isinstance(message, WatcherSceneLoaded):
         return "caregivers may send only robot commands; open the experimenter's address"
-    if role == "demonstrator" and not isinstance(message, SceneWatched | Drive | Steer | Demonstrate):
+    if role == "demonstrator" and not isinstance(
+        message, WatcherSceneLoaded | VelocityCommand | ControllerPoseCommand | DemonstrationCommand
+    ):
         return "demonstrators may drive the robot, and start and end demonstrations"
     return ""
 
@@ -296,7 +304,7 @@ def _decode(data: bytes | None, channel: Channel, report: Callable[[Message], No
         report(Problem(message=f"a text frame was received; send MessagePack of type {channel.message_tags}"))
         return None
     try:
-        return channel.decode(data)
+        return channel.decode_message(data)
     except msgspec.DecodeError as error:
         report(Problem(message=f"invalid message ({error}); the allowed types are {channel.message_tags}"))
         return None
@@ -310,11 +318,11 @@ async def _send(socket: WebSocket, outbox: Outbox, frame_times: FrameLatencyTrac
                 message = await outbox.next_message()
                 if isinstance(message, Scene):
                     encoder.reset()
-                if isinstance(message, State):
-                    passed = frame_times.newest_frame_times(message, outbox.created_s)
+                if isinstance(message, WorldState):
+                    passed = frame_times.pop_newest_frame_times(message, outbox.latest_state_time_s)
                     if passed is not None:
-                        await socket.send_bytes(messages.encode(passed))
+                        await socket.send_bytes(messages.encode_message(passed))
                     message = encoder.encode(message)
-                await socket.send_bytes(messages.encode(message))
-        except ConnectionEnd as end:
+                await socket.send_bytes(messages.encode_message(message))
+        except ConnectionClosedError as end:
             await socket.close(end.close_code, str(end))

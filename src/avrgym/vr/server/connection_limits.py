@@ -35,8 +35,8 @@ IDLE_CONNECTION_TIMEOUT_S = 10.0
 RESPONSE_TIMEOUT_S = 60.0
 """Maximum duration in seconds of an unauthenticated request, and of the transmission of a response."""
 TIMEOUT_CHECK_INTERVAL_S = 0.5
-OUT_OF_HANDLES_ERRORS = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
-ACCEPT_RETRY_S = 0.05
+NO_FILE_HANDLE_ERROR_CODES = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+ACCEPT_RETRY_DELAY_S = 0.05
 """Delay in seconds before the next attempt to accept a connection, if no file handle is free."""
 
 ProtocolFactory = Callable[[], asyncio.Protocol]
@@ -113,7 +113,7 @@ class ConnectionLimiter:
         self._tokens, self._max_per_role = tokens, max_per_role or MAX_CONNECTIONS_PER_ROLE
         self._connections: dict[tuple[str, int], Connection] = {}
         self._max_unauthenticated = min(
-            MAX_UNAUTHENTICATED_CONNECTIONS, max_open_files() // UNAUTHENTICATED_FILE_HANDLE_DIVISOR
+            MAX_UNAUTHENTICATED_CONNECTIONS, read_max_open_files() // UNAUTHENTICATED_FILE_HANDLE_DIVISOR
         )
 
     async def accept_connections(self, make_protocol: ProtocolFactory, tls: ssl.SSLContext | None) -> None:
@@ -126,7 +126,7 @@ class ConnectionLimiter:
         finally:
             sweeping.cancel()
 
-    def middleware(self, app: ASGIApp) -> ASGIApp:
+    def wrap_with_middleware(self, app: ASGIApp) -> ASGIApp:
         """Returns the application in a middleware that stores the activity and the role of each connection."""
 
         async def limited(scope: Scope, receive: Receive, send: Send) -> None:
@@ -134,7 +134,7 @@ class ConnectionLimiter:
             if connection is None:
                 await app(scope, receive, send)
                 return
-            caller = self._tokens.client_of_request(Headers(scope=scope))
+            caller = self._tokens.authenticate_request(Headers(scope=scope))
             if caller is not None:
                 self.mark_authenticated(scope, caller.role)
             connection.record_activity(busy=True)
@@ -156,7 +156,7 @@ class ConnectionLimiter:
         if sum(each.role == role for each in self._connections.values()) < self._max_per_role:
             connection.role = role
 
-    def keep_open(self, scope: Scope, role: Role) -> None:
+    def mark_in_use(self, scope: Scope, role: Role) -> None:
         """Store that the connection of this WebSocket is in use until it closes. It is needed for WebSockets that do
         not pass the middleware."""
         connection = self._connection(scope)
@@ -172,9 +172,9 @@ class ConnectionLimiter:
         try:
             accepted, address = await asyncio.get_running_loop().sock_accept(self.listener)
         except OSError as error:
-            if error.errno in OUT_OF_HANDLES_ERRORS:
+            if error.errno in NO_FILE_HANDLE_ERROR_CODES:
                 _close_longest_idle(self._unauthenticated())
-            await asyncio.sleep(ACCEPT_RETRY_S)
+            await asyncio.sleep(ACCEPT_RETRY_DELAY_S)
             return
         connection = self._connections[address] = Connection(accepted, address[0])
         connection.start(make_protocol, tls)
@@ -218,7 +218,7 @@ def _is_own(host: str) -> bool:
         return False
 
 
-def max_open_files() -> int:
+def read_max_open_files() -> int:
     """Returns the maximum number of open files and sockets of this process."""
     try:
         import resource

@@ -10,8 +10,8 @@ import struct
 from pathlib import Path
 from typing import BinaryIO
 
-LATENCY_FILE = Path("/dev/cpu_dma_latency")
-DRIVER_FILE = Path("/sys/devices/system/cpu/cpuidle/current_driver")
+CPU_LATENCY_FILE = Path("/dev/cpu_dma_latency")
+CPU_IDLE_DRIVER_FILE = Path("/sys/devices/system/cpu/cpuidle/current_driver")
 GUEST_IDLE_DRIVER = "haltpoll"
 """Name of the idle driver in virtual machines that support polling."""
 ZERO_LATENCY = struct.pack("i", 0)
@@ -23,7 +23,9 @@ class CpuIdlePrevention:
 
     def __init__(self) -> None:
         self._file: BinaryIO | None = None
-        self._possible = DRIVER_FILE.exists() and DRIVER_FILE.read_text().strip() == GUEST_IDLE_DRIVER
+        self._possible = (
+            CPU_IDLE_DRIVER_FILE.exists() and CPU_IDLE_DRIVER_FILE.read_text().strip() == GUEST_IDLE_DRIVER
+        )
 
     def set_enabled(self, awake: bool) -> None:
         """Prevent idle states if ``awake`` is true; otherwise permit them."""
@@ -38,7 +40,7 @@ class CpuIdlePrevention:
 def _open_latency_file() -> BinaryIO | None:
     """Returns the open file that prevents idle states; ``None`` without permission."""
     try:
-        file = LATENCY_FILE.open("wb", buffering=0)
+        file = CPU_LATENCY_FILE.open("wb", buffering=0)
         file.write(ZERO_LATENCY)
     except OSError:
         return None

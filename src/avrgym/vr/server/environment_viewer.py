@@ -12,19 +12,19 @@ from avrgym.tasks.control_loop import FirstWorldStep
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.vr.live_world.drivers import OperatorDriver, make_driver
-from avrgym.vr.live_world.scene_message import poses, scene_message
+from avrgym.vr.live_world.scene_message import encode_world_poses, make_scene_message
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import TICK_S, ReceivedMessage, SendMessage
+from avrgym.vr.protocol.messages import TICK_S, MessageSender, ReceivedMessage
 from avrgym.vr.protocol.webxr import Registration
-from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS, make_viewing_status
+from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS, make_viewer_status
 
 EPISODE_END_PAUSE_S = 2.0
-LOADING_TIMEOUT_S = 15.0
+SCENE_LOADING_TIMEOUT_S = 15.0
 """Maximum time in seconds for a client to load the scene of an episode. The episode then starts."""
 
 
 class EnvironmentViewer:
-    """Simulates episodes one after another at 100 Hz; implements ``Runnable``.
+    """Simulates episodes one after another at 100 Hz; implements ``RealTimeSession``.
 
     The page can pause, continue and skip to the next episode. With the policy ``operator``, a person drives the robot
     on the page.
@@ -36,7 +36,7 @@ class EnvironmentViewer:
         policy: str,
         people: str,
         seed: int,
-        send: SendMessage,
+        send: MessageSender,
         impairment: str = "none",
         *,
         force_guard: bool = False,
@@ -86,11 +86,11 @@ class EnvironmentViewer:
         self._begin()
 
     @property
-    def at_rest(self) -> bool:
+    def is_at_rest(self) -> bool:
         """Whether the simulation is paused or waits for the next episode."""
         return self._paused or self._phase != "running"
 
-    def send_initial_state(self, send: SendMessage, role: messages.Role, now_s: float) -> None:
+    def send_initial_state(self, send: MessageSender, role: messages.Role, now_s: float) -> None:
         """Send welcome, scene, phase and status to a new connection with this role."""
         name = self._episodes.environment_id
         send(messages.Welcome(messages.PROTOCOL_VERSION, name, role, haptics=False, sounds=True))
@@ -101,15 +101,17 @@ class EnvironmentViewer:
     def receive(self, message: ReceivedMessage, now_s: float) -> None:
         """Handle a message of a page; ignores messages that only sessions use."""
         match message:
-            case messages.SceneWatched() if message.url == self._scene().url and self._phase == "loading":
+            case messages.WatcherSceneLoaded() if (
+                message.url == self._scene().url and self._phase == "loading"
+            ):
                 self._run()
-            case messages.Command(name="pause" | "continue"):
+            case messages.ExperimenterCommand(name="pause" | "continue"):
                 self._paused = message.name == "pause"
                 self._tell()
-            case messages.Command(name="skip"):
+            case messages.ExperimenterCommand(name="skip"):
                 self._begin()
-            case messages.Drive() if isinstance(self._driver, OperatorDriver):
-                self._driver.apply_command(message, now_s)
+            case messages.VelocityCommand() if isinstance(self._driver, OperatorDriver):
+                self._driver.apply_velocity_command(message, now_s)
             case _:
                 pass
 
@@ -131,7 +133,7 @@ class EnvironmentViewer:
 
     def _begin(self) -> None:
         """Prepare the next episode. It starts when a client has loaded its scene."""
-        generator = random_streams.episode_generator(self._seed)
+        generator = random_streams.make_episode_rng(self._seed)
         self._seed += 1
         self._episodes.reset(np.array([0]), [generator])
         self._driver.reset(self._episodes, [generator])
@@ -140,8 +142,8 @@ class EnvironmentViewer:
         self._steps, self._reward = 0, 0.0
         self._success = False
         episodes = self._episodes
-        self.scenes.append((episodes.environment_id, episodes.person_of_world(0), episodes.settings))
-        self._phase, self._waits_until_s = "loading", self._now_s + LOADING_TIMEOUT_S
+        self.scenes.append((episodes.environment_id, episodes.get_person(0), episodes.settings))
+        self._phase, self._waits_until_s = "loading", self._now_s + SCENE_LOADING_TIMEOUT_S
         self._send(self._scene())
         self._tell()
 
@@ -177,20 +179,22 @@ class EnvironmentViewer:
         self._send(self._phase_message())
         self._send(self._status())
 
-    def _phase_message(self) -> messages.Phase:
+    def _phase_message(self) -> messages.PhaseDescription:
         outcome = "success" if self._success else ""
         held = f"the robot holds its position: {self._failure}" if self._failure else "running"
         state = {"loading": "preparing", "running": outcome or held, "ended": outcome or "no success"}
         words = "paused" if self._paused else state[self._phase]
         text = f"{self._episodes.environment_id}, {self._policy}, episode {len(self.scenes)}: {words}"
-        return messages.Phase(name="viewing", text=text, trial=0, trials=0, practice=False, seconds=None)
+        return messages.PhaseDescription(
+            name="viewing", text=text, trial=0, trials=0, practice=False, seconds=None
+        )
 
-    def _status(self) -> messages.Status:
-        return make_viewing_status(
+    def _status(self) -> messages.SessionStatus:
+        return make_viewer_status(
             self._episodes.simulation,
             self._latest,
             environment=self._episodes.environment_id,
-            torso_height_m=self._episodes.person_of_world(0).torso_height_m,
+            torso_height_m=self._episodes.get_person(0).torso_height_m,
             episode=len(self.scenes),
             step=self._steps,
             steps=self._length,
@@ -198,21 +202,21 @@ class EnvironmentViewer:
             success=self._success,
             paused=self._paused,
             operated=isinstance(self._driver, OperatorDriver),
-            idle=self.at_rest or self._driver.idle,
+            idle=self.is_at_rest or self._driver.is_idle,
         )
 
     def _scene(self) -> messages.Scene:
         number, nowhere = len(self.scenes) - 1, Registration(np.zeros(3), 0.0)
-        return scene_message(number, self._episodes, nowhere)
+        return make_scene_message(number, self._episodes, nowhere)
 
     def _send_state(self) -> None:
         self._send(
-            messages.State(
-                sequence=self._ticks,
+            messages.WorldState(
+                sequence_number=self._ticks,
                 simulation_time_s=self._ticks * TICK_S,
-                tracking_sequence=-1,
+                tracking_sequence_number=-1,
                 joint_targets=b"",
                 deviating_parts=[],
-                poses=poses(self._episodes),
+                poses=encode_world_poses(self._episodes),
             )
         )

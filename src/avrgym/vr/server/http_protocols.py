@@ -8,7 +8,7 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 from websockets.frames import CloseCode, Frame
 from websockets.http11 import Response
 
-from avrgym.vr.server.response_headers import security_headers
+from avrgym.vr.server.response_headers import make_security_headers
 
 MAX_MESSAGE_FRAGMENTS = 64
 """Maximum number of WebSocket frames of a message. Browsers send one frame per message."""
@@ -27,7 +27,10 @@ class HttpProtocol(H11Protocol):
         self.transport.close()
 
     def _refusal(self, msg: str) -> bytes:
-        fields = security_headers("") | {"content-type": "text/plain; charset=utf-8", "connection": "close"}
+        fields = make_security_headers("") | {
+            "content-type": "text/plain; charset=utf-8",
+            "connection": "close",
+        }
         events = (
             h11.Response(status_code=400, headers=list(fields.items()), reason="Bad Request"),
             h11.Data(data=msg.encode()),
@@ -78,5 +81,5 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
 
     def _refusal(self, status: int, text: str) -> Response:
         response = self._reject(status, text)
-        response.headers.update(security_headers(""))
+        response.headers.update(make_security_headers(""))
         return response

@@ -21,7 +21,7 @@ MAX_WAITING_MESSAGES = 2000
 class NewConnection:
     """A client that has connected in a role. ``send`` is the function that sends messages to this client."""
 
-    send: messages.SendMessage
+    send: messages.MessageSender
     role: messages.Role
 
 
@@ -57,7 +57,7 @@ class Inbox:
                 self._urgent.append(message)
             else:
                 self._waiting.append(message)
-                self._frames += isinstance(message, messages.Tracking)
+                self._frames += isinstance(message, messages.TrackingFrameMessage)
 
     def get(self) -> ReceivedMessage | NewConnection | None:
         """Remove and return the next message; ``None`` if no message waits. Drops tracking frames above the maximum."""
@@ -66,7 +66,7 @@ class Inbox:
                 return self._urgent.popleft()
             while self._waiting:
                 message = self._waiting.popleft()
-                if not isinstance(message, messages.Tracking):
+                if not isinstance(message, messages.TrackingFrameMessage):
                     return message
                 self._frames -= 1
                 if self._frames < MAX_WAITING_FRAMES:
@@ -83,10 +83,10 @@ def stops_robot(message: object) -> bool:
 
 def is_emergency_stop(message: object) -> bool:
     """Returns whether a message is an emergency stop."""
-    if isinstance(message, messages.RobotCommand | messages.WatcherRobotCommand):
+    if isinstance(message, messages.RobotCommand | messages.OtherPersonRobotCommand):
         return message.name == "stop"
     return isinstance(message, messages.Stop) or message == _STOP
 
 
-_STOP = messages.Command(name="stop")
-_PARTICIPANTS = get_args(messages.ClientMessage)
+_STOP = messages.ExperimenterCommand(name="stop")
+_PARTICIPANTS = get_args(messages.ParticipantMessage)

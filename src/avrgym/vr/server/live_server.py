@@ -17,7 +17,6 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from avrgym.vr.protocol.messages import Message
 from avrgym.vr.scene.export_process import SceneExporter
-from avrgym.vr.server.addresses import ALL_INTERFACES, LOOPBACK_HOSTS
 from avrgym.vr.server.authentication import AuthenticatedClient, SameOriginMiddleware, Tokens
 from avrgym.vr.server.broadcast import Broadcast
 from avrgym.vr.server.certificate import Certificate
@@ -29,6 +28,7 @@ from avrgym.vr.server.connection import (
     serve_connection,
 )
 from avrgym.vr.server.connection_limits import ConnectionLimiter
+from avrgym.vr.server.network_addresses import ALL_INTERFACES, LOOPBACK_HOSTS
 from avrgym.vr.server.real_time_loop import RealTimeLoop, S
 from avrgym.vr.server.session_links import SessionLinks
 from avrgym.vr.server.sound_files import add_sound_route
@@ -78,7 +78,7 @@ def create_app(
 
     @app.get("/scenes/{number}.glb")
     async def scene(number: int, request: Request) -> Response:
-        if tokens.client_of_request(request.headers) is None:
+        if tokens.authenticate_request(request.headers) is None:
             raise HTTPException(401, "the request has no valid token; send one in the Authorization header")
         known, version = loop.session.scenes, f'"{start}-{number}"'
         if not 0 <= number < len(known):
@@ -156,10 +156,10 @@ class LiveServer(Generic[S]):
         listener = open_listener(host, port, certificate, behind_proxy=behind_proxy)
         self.host, self.port = host, int(listener.getsockname()[1])
         self.certificate = certificate
-        self.tokens = tokens or Tokens.new()
+        self.tokens = tokens or Tokens.generate()
         self._broadcast = broadcast = Broadcast()
         if links is not None:
-            links.on_expiry = broadcast.close_participant
+            links.on_expiry = broadcast.close_participant_connection
         try:
             self.loop = RealTimeLoop(make_session(broadcast.send), broadcast.send)
         except BaseException:
@@ -204,9 +204,9 @@ class LiveServer(Generic[S]):
 
         The token is in the fragment, which browsers do not send.
         """
-        return self.page_urls()[0]
+        return self.list_page_urls()[0]
 
-    def page_urls(self, page: str = "", token: str | None = None) -> list[str]:
+    def list_page_urls(self, page: str = "", token: str | None = None) -> list[str]:
         """Returns the addresses of a page: first the loopback address, then the addresses in the local network."""
         names = ["localhost"] if self.host in (*LOOPBACK_HOSTS, ALL_INTERFACES) else []
         names += self.certificate.host_names if self.certificate else ()
@@ -215,10 +215,10 @@ class LiveServer(Generic[S]):
             f"{scheme}://{name}:{self.port}/{page}#token={token or self.tokens.participant}" for name in names
         ]
 
-    def participant_urls_without_token(self) -> list[str]:
+    def list_participant_urls_without_token(self) -> list[str]:
         """Returns the addresses of the participant's page without a token. On this page, a participant enters a
         session's code."""
-        return [url.partition("#")[0] for url in self.page_urls()]
+        return [url.partition("#")[0] for url in self.list_page_urls()]
 
     def __enter__(self) -> "LiveServer[S]":
         gc.collect()
@@ -231,7 +231,7 @@ class LiveServer(Generic[S]):
         return self
 
     def __exit__(self, failure: type[BaseException] | None, *_: object) -> None:
-        self._broadcast.close_all("the server has stopped")
+        self._broadcast.close_all_connections("the server has stopped")
         self._web.stop()
         self.loop.stop()
         self._exporter.close()
@@ -241,13 +241,13 @@ class LiveServer(Generic[S]):
         if failure in (None, KeyboardInterrupt) and self.loop.error is not None:
             raise ServerError(str(self.loop.error)) from self.loop.error
 
-    def export_next_scene(self) -> None:
+    def export_newest_scene(self) -> None:
         """Export the newest scene before a browser requests it. Without a scene, only start the export process."""
         scenes = self.session.scenes
         if scenes:
-            self._exporter.export(len(scenes) - 1, *scenes[-1])
+            self._exporter.start_export(len(scenes) - 1, *scenes[-1])
         else:
-            self._exporter.start()
+            self._exporter.start_process()
 
     def wait(self) -> None:
         """Wait until the server stops or the simulation fails."""

@@ -14,7 +14,7 @@ from typing import Generic, Protocol, TypeVar
 from avrgym.models.human import Person
 from avrgym.tasks.settings import Settings
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import TICK_S, ReceivedMessage, SendMessage
+from avrgym.vr.protocol.messages import TICK_S, MessageSender, ReceivedMessage
 from avrgym.vr.server.cpu_idle import CpuIdlePrevention
 from avrgym.vr.server.inbox import MAX_HANDLING_TIME_S, MAX_MESSAGES_PER_TICK, Inbox, NewConnection
 
@@ -41,7 +41,7 @@ class LateTick:
     missed_ticks: int
 
 
-class Runnable(Protocol):
+class RealTimeSession(Protocol):
     """Interface of sessions and of the environment viewer, for the real-time loop and the server."""
 
     @property
@@ -50,11 +50,11 @@ class Runnable(Protocol):
         ...
 
     @property
-    def at_rest(self) -> bool:
+    def is_at_rest(self) -> bool:
         """Whether robot and participant are at rest. A tick may then be some milliseconds late."""
         ...
 
-    def send_initial_state(self, send: SendMessage, role: messages.Role, now_s: float) -> None:
+    def send_initial_state(self, send: MessageSender, role: messages.Role, now_s: float) -> None:
         """Send welcome, scene and phase to a new connection with this role."""
         ...
 
@@ -71,7 +71,7 @@ class Runnable(Protocol):
         ...
 
 
-S = TypeVar("S", bound=Runnable)
+S = TypeVar("S", bound=RealTimeSession)
 
 
 class RealTimeLoop(Generic[S]):
@@ -81,7 +81,7 @@ class RealTimeLoop(Generic[S]):
     ended the thread; ``None`` without an error.
     """
 
-    def __init__(self, session: S, send: SendMessage = lambda message: None) -> None:
+    def __init__(self, session: S, send: MessageSender = lambda message: None) -> None:
         """Create the loop. ``send`` receives the durations of the ticks once a second."""
         self.session = session
         self.missed_ticks = 0
@@ -112,7 +112,7 @@ class RealTimeLoop(Generic[S]):
         """Pass a message to the session from any thread; see ``Inbox``."""
         self._inbox.put(message)
 
-    def send_initial_state(self, send: SendMessage, role: messages.Role) -> None:
+    def send_initial_state(self, send: MessageSender, role: messages.Role) -> None:
         """Queue a request to send the session's current state to a new connection."""
         self._inbox.put(NewConnection(send, role))
 
@@ -127,7 +127,7 @@ class RealTimeLoop(Generic[S]):
                 self.session.tick(now)
                 self._send_timing(_clock_s() - began - now)
                 self._collect_garbage(now)
-                cpu_idle_prevention.set_enabled(not self.session.at_rest)
+                cpu_idle_prevention.set_enabled(not self.session.is_at_rest)
                 due = self._wait(due + TICK_S)
         except Exception as error:
             self.error = error
@@ -156,10 +156,10 @@ class RealTimeLoop(Generic[S]):
         if len(self._took_s) == TIMING_INTERVAL_TICKS:
             took_ms = [1000.0 * took_s for took_s in self._took_s]
             self._took_s.clear()
-            self._send(messages.Timing(median(took_ms), max(took_ms), self.missed_ticks))
+            self._send(messages.TickTiming(median(took_ms), max(took_ms), self.missed_ticks))
 
     def _collect_garbage(self, now_s: float) -> None:
-        if self.session.at_rest and now_s >= self._collected_s + GARBAGE_COLLECTION_INTERVAL_S:
+        if self.session.is_at_rest and now_s >= self._collected_s + GARBAGE_COLLECTION_INTERVAL_S:
             self._collected_s = now_s
             gc.collect()
 

@@ -46,11 +46,11 @@ async def decode_json_body(request: Request, kind: type[B], max_bytes: int) -> B
         ) from None
 
 
-def json_response(value: Any, status: int = 200) -> Response:
+def make_json_response(value: Any, status: int = 200) -> Response:
     """Returns a response that contains a value as JSON."""
     return Response(msgspec.json.encode(value), status, media_type="application/json")
 
 
 def make_error_handler(status: int, **more: str) -> Callable[[Request, Exception], Response]:
     """Returns an exception handler. It responds with this status, the error's message and the fields ``more``."""
-    return lambda _request, error: json_response({"detail": str(error), **more}, status)
+    return lambda _request, error: make_json_response({"detail": str(error), **more}, status)

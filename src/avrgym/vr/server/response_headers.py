@@ -31,7 +31,7 @@ INTERNAL_ERROR_CLOSE_CODE = 1011
 _log = logging.getLogger(__name__)
 
 
-def security_headers(path: str) -> dict[str, str]:
+def make_security_headers(path: str) -> dict[str, str]:
     """Returns the security headers for a response to this path. The response's own headers have priority."""
     ancestors, frames = ("'self'", "SAMEORIGIN") if path == EMBEDDABLE_PAGE else ("'none'", "DENY")
     return {
@@ -105,7 +105,7 @@ class _Response:
 
 def _completed(given: list[tuple[bytes, bytes]], path: str, status: int) -> list[tuple[bytes, bytes]]:
     present = {name.lower() for name, _ in given}
-    added = security_headers(path)
+    added = make_security_headers(path)
     if path.startswith(HASHED_FILES_PATH) and status in (200, 304):
         added["cache-control"] = "public, max-age=31536000, immutable"
     return [*given, *((n.encode(), v.encode()) for n, v in added.items() if n.encode() not in present)]

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from avrgym.vr.protocol.messages import Language
 
 LINK_TOKEN_BYTES = 16
-CODE_DIGITS = 6
+NUM_CODE_DIGITS = 6
 CODE_VALIDITY_S = 300.0
 MAX_WRONG_CODES, WRONG_CODE_WINDOW_S = 10, 60.0
 """Maximum number of wrong codes in this time in seconds. With this limit, guessing a code takes three weeks on
@@ -42,22 +42,22 @@ class WrongCodeLimit:
         """Returns whether the maximum number of wrong codes was entered within the window."""
         return len(self._times_s) == self._times_s.maxlen and now_s - self._times_s[0] < self._window_s
 
-    def count(self, now_s: float) -> None:
+    def count_wrong_code(self, now_s: float) -> None:
         """Count a wrong code that was entered at the time ``now_s``."""
         self._times_s.append(now_s)
 
 
-def random_digits(length: int) -> str:
+def generate_random_digits(length: int) -> str:
     """Returns ``length`` random decimal digits from a cryptographic generator."""
     return f"{secrets.randbelow(10**length):0{length}}"
 
 
-def new_link() -> str:
+def generate_link_token() -> str:
     """Returns a new link: a random token of 128 bits."""
     return secrets.token_urlsafe(LINK_TOKEN_BYTES)
 
 
-def token_sha256(token: str) -> str:
+def compute_token_sha256(token: str) -> str:
     """Returns the SHA-256 checksum of a link or another token. Only checksums are stored."""
     return hashlib.sha256(token.encode("utf-8", "surrogatepass")).hexdigest()
 
@@ -99,14 +99,14 @@ class SessionLinks:
         self._lock = threading.Lock()
 
     @property
-    def link(self) -> str | None:
+    def current_link_token(self) -> str | None:
         """The link of the current session; ``None`` between sessions."""
         return None if self._open is None else self._open.link
 
-    def set_link(self, link: str, language: Language) -> None:
+    def set_link_token(self, link: str, language: Language) -> None:
         """Set the link of a new session, or a new link of this session. The previous link expires."""
         self.expire_link()
-        self._open = _CurrentLink(link, token_sha256(link), language)
+        self._open = _CurrentLink(link, compute_token_sha256(link), language)
 
     def expire_link(self) -> None:
         """Make the link of the current session and its codes expire."""
@@ -116,23 +116,23 @@ class SessionLinks:
             self._ended[ended.sha256] = ended.language
             self.on_expiry()
 
-    def is_current_link(self, token: str) -> bool:
+    def is_current_link_token(self, token: str) -> bool:
         """Returns whether a token is the link of the current session."""
         present = self._open
-        return present is not None and secrets.compare_digest(token_sha256(token), present.sha256)
+        return present is not None and secrets.compare_digest(compute_token_sha256(token), present.sha256)
 
-    def expired_link_language(self, token: str) -> Language | None:
+    def find_expired_link_language(self, token: str) -> Language | None:
         """Returns the language of the participant of an expired link; ``None`` for an unknown token."""
-        return self._ended.get(token_sha256(token))
+        return self._ended.get(compute_token_sha256(token))
 
-    def current_code(self) -> str | None:
+    def get_or_create_code(self) -> str | None:
         """Returns a code that is valid for at least another ``CODE_VALIDITY_S`` / 2; ``None`` between sessions."""
         with self._lock:
             if self._open is None:
                 return None
             self._codes = [each for each in self._codes if each.is_younger_than(CODE_VALIDITY_S)]
             if not self._codes or not self._codes[-1].is_younger_than(CODE_VALIDITY_S / 2):
-                self._codes.append(_Code(random_digits(CODE_DIGITS)))
+                self._codes.append(_Code(generate_random_digits(NUM_CODE_DIGITS)))
             return self._codes[-1].digits
 
     def exchange_code(self, digits: str) -> str:
@@ -153,5 +153,5 @@ class SessionLinks:
                 if right and code.is_younger_than(CODE_VALIDITY_S) and self._open is not None:
                     self._codes.remove(code)
                     return self._open.link
-            self._wrong_codes.count(now_s)
+            self._wrong_codes.count_wrong_code(now_s)
             raise CodeError("this code is wrong, used or expired; the dashboard shows the current one")

@@ -10,8 +10,8 @@ from avrgym.vr.server.authentication import Tokens
 
 SOUNDS_FOLDER = "sounds"
 """Folder of sound files in the study's folder. It contains ``LANGUAGE/NAME.mp3``, or files with another suffix in
-``MEDIA_TYPES``. A file's name is the key of a text under ``session``, or the id of an item."""
-MEDIA_TYPES = {".mp3": "audio/mpeg", ".ogg": "audio/ogg", ".wav": "audio/wav"}
+``SOUND_MEDIA_TYPES``. A file's name is the key of a text under ``session``, or the id of an item."""
+SOUND_MEDIA_TYPES = {".mp3": "audio/mpeg", ".ogg": "audio/ogg", ".wav": "audio/wav"}
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,100}")
 
 
@@ -19,7 +19,7 @@ def find_sound_file(folder: Path, language: str, name: str) -> Path | None:
     """Returns the sound file of a text; ``None`` without a file."""
     if not LANGUAGE_TAG_PATTERN.fullmatch(language) or not _NAME.fullmatch(name):
         return None
-    files = (folder / language / f"{name}{suffix}" for suffix in MEDIA_TYPES)
+    files = (folder / language / f"{name}{suffix}" for suffix in SOUND_MEDIA_TYPES)
     return next((file for file in files if file.is_file()), None)
 
 
@@ -28,9 +28,9 @@ def add_sound_route(app: FastAPI, tokens: Tokens, folder: Path | None) -> None:
 
     @app.get("/sounds/{language}/{name}")
     def sound(language: str, name: str, request: Request) -> Response:
-        if tokens.client_of_request(request.headers) is None:
+        if tokens.authenticate_request(request.headers) is None:
             raise HTTPException(401, "the request has no valid token; send one in the Authorization header")
         file = None if folder is None else find_sound_file(folder, language, name)
         if file is None:
             return Response(status_code=204)
-        return Response(file.read_bytes(), media_type=MEDIA_TYPES[file.suffix])
+        return Response(file.read_bytes(), media_type=SOUND_MEDIA_TYPES[file.suffix])

@@ -13,10 +13,10 @@ from fastapi import FastAPI
 from fastapi.responses import FileResponse
 from starlette.types import ASGIApp
 
-from avrgym.vr.server.addresses import LOOPBACK_HOSTS
 from avrgym.vr.server.certificate import Certificate
 from avrgym.vr.server.connection_limits import ConnectionLimiter
 from avrgym.vr.server.http_protocols import HttpProtocol, WebSocketProtocol
+from avrgym.vr.server.network_addresses import LOOPBACK_HOSTS
 from avrgym.vr.server.response_headers import SecurityHeadersMiddleware
 
 STATIC_FOLDER = Path(__file__).parents[1] / "static"
@@ -41,7 +41,7 @@ LISTEN_BACKLOG = 1024
 MAX_MESSAGE_BYTES = 1 << 16
 PING_INTERVAL_S, PING_TIMEOUT_S = 1.0, 4.0
 """Interval and timeout of WebSocket pings in seconds. Pings detect a headset that sleeps or has left the network."""
-CLOSE_TIMEOUT_S = 5
+SHUTDOWN_TIMEOUT_S = 5
 
 _log = logging.getLogger(__name__)
 
@@ -106,7 +106,7 @@ class WebServer:
         ``websockets``: creates the protocol of a connection that becomes a WebSocket.
         """
         self._limiter = limiter
-        limited = limiter.middleware(SecurityHeadersMiddleware(app))
+        limited = limiter.wrap_with_middleware(SecurityHeadersMiddleware(app))
         self._uvicorn = _Server(_configuration(limited, certificate, websockets), limiter)
         self._thread = threading.Thread(target=self._uvicorn.run, daemon=True)
 
@@ -181,7 +181,7 @@ def _configuration(
         ws_max_size=MAX_MESSAGE_BYTES,
         ws_ping_interval=PING_INTERVAL_S,
         ws_ping_timeout=PING_TIMEOUT_S,
-        timeout_graceful_shutdown=CLOSE_TIMEOUT_S,
+        timeout_graceful_shutdown=SHUTDOWN_TIMEOUT_S,
         ws_per_message_deflate=False,
         ssl_certfile=certificate.certificate_file if certificate else None,
         ssl_keyfile=certificate.key_file if certificate else None,

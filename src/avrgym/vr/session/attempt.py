@@ -8,17 +8,17 @@ import mujoco
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.geometry.elementary import c_library_fingerprint
+from avrgym.geometry.elementary import compute_c_library_fingerprint
 from avrgym.models import human
 from avrgym.models.body_names import TRACKED_BODY_PARTS
-from avrgym.people.motor import MOTION_VERSION
+from avrgym.people.motor_model import MOTION_VERSION
 from avrgym.recording import schema
 from avrgym.recording.configuration import BodyModel, HeadsetCheck, TrialConfiguration, Versions
 from avrgym.recording.input_profile import DEFAULT_INPUT_PROFILE, InputProfile
 from avrgym.recording.reader import RecordingError
 from avrgym.recording.writer import RecordingWriter
 from avrgym.system.files import make_private_folder
-from avrgym.system.used_plugins import UsedPlugin, avrgym_version
+from avrgym.system.used_plugins import UsedPlugin, get_avrgym_version
 from avrgym.tasks.constants import SIMULATION_VERSION
 from avrgym.tasks.control_loop import FirstWorldStep
 from avrgym.vr.live_world.world import LiveWorld
@@ -39,7 +39,7 @@ class AttemptResults:
     force_max_n: float = 0.0
     tool_speed_mean_m_s: float = 0.0
 
-    def after_step(self, step: FirstWorldStep, steps: int) -> "AttemptResults":
+    def add_step(self, step: FirstWorldStep, steps: int) -> "AttemptResults":
         """Returns the results after another control step. ``steps`` is the number of steps, including this one."""
         outcome = step.outcome
         force_n, speed_m_s = (
@@ -59,7 +59,7 @@ class Attempt:
 
     Arguments in seconds are times on the session's clock. Recorded times start at 0 with the attempt.
     ``trial_number`` and ``number``: numbers of the trial and of the attempt, from 1. ``steps``: number of control
-    steps. ``reward``: sum of their rewards. ``latest_step``: the latest control step.
+    steps. ``total_reward``: sum of their rewards. ``latest_step``: the latest control step.
     """
 
     def __init__(
@@ -83,8 +83,8 @@ class Attempt:
         Raises:
             OSError: if no recording can be opened.
         """
-        self.started_s = began_s
-        self.steps, self.reward, self.attempt_results = 0, 0.0, AttemptResults()
+        self.start_time_s = began_s
+        self.steps, self.total_reward, self.attempt_results = 0, 0.0, AttemptResults()
         self.trial_number = trial
         self.latest_step: FirstWorldStep | None = None
         self._told_of_stall = False
@@ -123,7 +123,7 @@ class Attempt:
 
     def record(self, topic: str, record: schema.Record, now_s: float) -> None:
         """Add a record with the time ``now_s``. The next ``submit_records`` writes it."""
-        self._records.append((topic, round((now_s - self.started_s) * 1e9), record))
+        self._records.append((topic, round((now_s - self.start_time_s) * 1e9), record))
 
     def submit_records(self) -> None:
         """Pass the records to the thread that writes them.
@@ -142,7 +142,7 @@ class Attempt:
         """Record the simulator's state after this tick, and the action if it changed."""
         if world.applied_action is not None:
             action = world.applied_action.tolist()
-            self.record("/commands", schema.Command(self.steps + 1, action, world.braked), now_s)
+            self.record("/commands", schema.Command(self.steps + 1, action, world.is_braked), now_s)
         state = schema.Physics(self.steps, world.time_s, world.integration_state().tolist())
         self.record("/physics", state, now_s)
 
@@ -159,7 +159,7 @@ class Attempt:
             return
         record = schema.Pacing(
             step=self.steps,
-            mode=pacing.mode_name(0),
+            mode=pacing.get_mode_name(0),
             speed_factor=float(pacing.speed_factor[0]),
             preferred_distance_m=float(pacing.preferred_distance_m[0]),
             preferred_side=float(pacing.preferred_side[0]),
@@ -173,11 +173,11 @@ class Attempt:
         outcome = step.outcome
         self.latest_step = step
         self.steps += 1
-        self.reward += float(outcome.reward[0])
-        self.attempt_results = self.attempt_results.after_step(step, self.steps)
-        self.record("/control", control_record(self.steps, step, driver, idle), now_s)
+        self.total_reward += float(outcome.reward[0])
+        self.attempt_results = self.attempt_results.add_step(step, self.steps)
+        self.record("/control", make_control_record(self.steps, step, driver, idle), now_s)
 
-    def record_robot_finished(self, now_s: float) -> None:
+    def record_robot_finish(self, now_s: float) -> None:
         """Records that the robot has finished; ``submit_records`` writes this record. After a crash, the attempt is
         then considered completed."""
         self._finished = self._outcome("completed", now_s)
@@ -190,14 +190,14 @@ class Attempt:
         deviating = [
             part
             for part in TRACKED_BODY_PARTS
-            if part in followed.deviating_parts or part in followed.lost_parts
+            if part in followed.deviating_parts or part in followed.untracked_needed_parts
         ]
         for frame in followed.arrived_frames:
             tracking, applied = frame.tracking, frame is followed.newest_frame
             record = schema.TrackingFrame(
                 sequence=tracking.sequence,
                 client_time_ms=tracking.client_time_ms,
-                received_time_s=frame.received_s - self.started_s,
+                received_time_s=frame.received_s - self.start_time_s,
                 moved_person=applied,
                 rejected=followed.is_stale or not frame.is_usable,
                 rejected_parts=deviating if applied else [],
@@ -223,13 +223,13 @@ class Attempt:
         return schema.Outcome(
             result=result,
             steps=self.steps,
-            reward=self.reward,
+            reward=self.total_reward,
             success=self.success,
-            seconds=now_s - self.started_s,
+            seconds=now_s - self.start_time_s,
         )
 
 
-def control_record(number: int, step: FirstWorldStep, driver: str, idle: bool) -> schema.Control:
+def make_control_record(number: int, step: FirstWorldStep, driver: str, idle: bool) -> schema.Control:
     """Returns the record of the attempt's control step with this number, from 1."""
     outcome = step.outcome
     return schema.Control(
@@ -246,12 +246,12 @@ def control_record(number: int, step: FirstWorldStep, driver: str, idle: bool) -
     )
 
 
-def versions() -> Versions:
+def read_package_versions() -> Versions:
     """Returns the versions of Python and of the installed packages, for a recording."""
-    return Versions(avrgym_version(), mujoco.__version__)
+    return Versions(get_avrgym_version(), mujoco.__version__)
 
 
-def attempt_configuration(
+def make_attempt_configuration(
     plan: SessionPlan,
     index: int,
     attempt: int,
@@ -270,22 +270,22 @@ def attempt_configuration(
         policy=trial.policy,
         seed=trial.seed,
         practice=trial.practice,
-        goal=plan.goal_text(trial),
-        needed_parts=tuple(world.task.tracked),
+        goal=plan.find_goal_text(trial),
+        needed_parts=tuple(world.task.tracked_body_parts),
         trial_number=index + 1,
         attempt_number=attempt,
         planned_steps=plan.trial_steps,
-        simulated=plan.simulated,
+        simulated=plan.is_simulated,
         motion_version=MOTION_VERSION,
         person=BodyModel(person.sex, person.torso_height_m, person.skin_tone, person.arm_scale),
         start_angles_rad=tuple(person.joint_angles_rad.tolist()),
-        episode_start=world.start,
+        episode_start=world.episode_start,
         joint_names=tuple(human.JOINTS),
         body_names=tuple(world.bodies),
         xr_from_world=schema.Pose(list(xr_from_world.position), list(xr_from_world.orientation)),
         language=plan.texts.language,
-        force_guard=plan.force_guard,
-        withdraw_after_success=plan.withdraw_after_success,
+        force_guard=plan.has_force_guard,
+        withdraw_after_success=plan.withdraw_tool_after_success,
         free_movement_s=plan.free_movement_s,
         stop_rules=plan.stop_rules.rules,
         headset_check=headset,
@@ -293,15 +293,15 @@ def attempt_configuration(
         proxy_consent=plan.proxy_consent,
         respondent=plan.respondent,
         input_profile=input_profile,
-        settings=plan.settings_of(trial),
+        settings=plan.find_trial_settings(trial),
         trial_rules=trial.rules,
         furniture=plan.furniture,
-        reward_weights=dict(world.task.weights),
-        items=tuple(plan.questionnaire_after(trial)),
-        versions=versions(),
+        reward_weights=dict(world.task.reward_weights),
+        items=tuple(plan.find_questionnaire_items(trial)),
+        versions=read_package_versions(),
         plugins=tuple(plugins),
         world_version=SIMULATION_VERSION,
-        c_library=c_library_fingerprint(),
+        c_library=compute_c_library_fingerprint(),
     )
 
 

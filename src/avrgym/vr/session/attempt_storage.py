@@ -11,7 +11,7 @@ from avrgym.recording.schema import AttemptEnd
 from avrgym.vr.session import events
 from avrgym.vr.session.attempt import Attempt, AttemptResults, ConfigurationFactory
 from avrgym.vr.session.events import EventSink
-from avrgym.vr.tracking.frames import ReceivedFrame
+from avrgym.vr.tracking.tracking_frames import ReceivedFrame
 from avrgym.vr.tracking.tracking_state import TrackingUpdate
 
 
@@ -27,7 +27,7 @@ class QuestionnaireAttempt:
 class AttemptStorage:
     """Stores the attempts of a session. The observer of ``sink`` stores the events.
 
-    ``attempt`` is the running attempt, ``recordings`` contains the files of all attempts. ``completing_trial_index`` is
+    ``attempt`` is the running attempt, ``recordings`` contains the files of all attempts. ``unstored_trial_index`` is
     the index of a completed trial that is not stored yet. ``has_storage_failed``: the last attempt could not be stored.
     ``questionnaire_attempt`` is the latest attempt. Answers may arrive after its end.
     """
@@ -36,7 +36,7 @@ class AttemptStorage:
         """``folder`` is the folder of recordings; files are never overwritten."""
         self.attempt: Attempt | None = None
         self.recordings: list[Path] = []
-        self.completing_trial_index: int | None = None
+        self.unstored_trial_index: int | None = None
         self.has_storage_failed = False
         self.questionnaire_attempt: QuestionnaireAttempt | None = None
         self._folder, self._sink = folder, sink
@@ -62,7 +62,7 @@ class AttemptStorage:
         """
         attempt = Attempt(self._folder, trial, configure, now_s, first_number=first_number)
         if self.has_storage_failed:
-            self._sink.clear_failures()
+            self._sink.clear_storage_errors()
         self.attempt = self._latest = attempt
         self.questionnaire_attempt = QuestionnaireAttempt(
             attempt.trial_number, attempt.number, attempt.recording_file
@@ -104,7 +104,7 @@ class AttemptStorage:
             return None
         attempt.record_frames(TrackingUpdate(arrived))
         failure = attempt.close(result, now_s)
-        sums = attempt.steps, attempt.reward, attempt.success
+        sums = attempt.steps, attempt.total_reward, attempt.success
         whose = attempt.trial_number, attempt.number, attempt.recording_file
         ending = "failed" if result == "completed" and failure is not None else result
         self._sink.report(events.TrialEnded(now_s, *whose, ending, failure is None, *sums))
@@ -115,11 +115,11 @@ class AttemptStorage:
 
         Also returns ``None`` if a storage failure was already reported and no further data can be lost.
         """
-        failure = self._sink.pop_failure()
-        at_stake = self.attempt is not None or self.completing_trial_index is not None
+        failure = self._sink.pop_storage_error()
+        at_stake = self.attempt is not None or self.unstored_trial_index is not None
         return failure if at_stake or not self.has_storage_failed else None
 
     def discard_attempt(self) -> None:
         """Mark the attempt as not stored, and clear all errors. Nothing is stored until the next attempt begins."""
-        self.completing_trial_index, self.has_storage_failed = None, True
-        self._sink.clear_failures()
+        self.unstored_trial_index, self.has_storage_failed = None, True
+        self._sink.clear_storage_errors()

@@ -4,8 +4,13 @@ from collections.abc import Mapping
 
 from avrgym.commands.vocabulary import CommandSource
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import CommandName, ParticipantDisconnected, ReceivedMessage, StopMethod
-from avrgym.vr.session.interruptions import visibility_interruption
+from avrgym.vr.protocol.messages import (
+    ExperimenterCommandName,
+    ParticipantDisconnected,
+    ReceivedMessage,
+    StopMethod,
+)
+from avrgym.vr.session.interruptions import make_visibility_interruption
 from avrgym.vr.session.phases import Phase
 
 STOP_METHOD_BY_SOURCE: Mapping[CommandSource, StopMethod] = {"key": "key", "button": "button"}
@@ -15,64 +20,64 @@ STOP_METHOD_BY_SOURCE: Mapping[CommandSource, StopMethod] = {"key": "key", "butt
 def handle_message(phase: Phase, message: ReceivedMessage) -> Phase:
     """Pass a message to a phase. Returns the next phase."""
     match message:
-        case messages.Tracking():
+        case messages.TrackingFrameMessage():
             phase.on_tracking(message)
         case messages.Latency():
             phase.on_latency(message)
-        case messages.HeadsetFrames():
-            phase.on_headset_frames(message)
+        case messages.FrameIntervals():
+            phase.on_frame_intervals(message)
         case messages.SceneLoaded():
             phase.state.trial_worlds.mark_scene_shown(message.url)
-        case messages.Entered():
+        case messages.VrEntered():
             return phase.enter_vr()
-        case messages.Left():
+        case messages.VrLeft():
             return phase.leave_vr()
         case ParticipantDisconnected():
             return phase.disconnect()
         case messages.VisibilityChanged():
             if phase.state.update_visibility(message.visibility):
-                return phase.interrupt(visibility_interruption(phase.state.now_s, message.visibility))
+                return phase.interrupt(make_visibility_interruption(phase.state.now_s, message.visibility))
         case messages.OriginReset():
             return phase.on_origin_reset()
-        case messages.Ready():
+        case messages.ParticipantReady():
             return phase.on_ready()
-        case messages.RequestBreak():
+        case messages.BreakRequest():
             return phase.request_break("participant")
-        case messages.ChangePreferences():
+        case messages.PreferenceChangeRequest():
             return phase.change_preferences()
-        case messages.Recalibrate():
+        case messages.RecalibrationRequest():
             return phase.recalibrate()
         case messages.Answer():
             return phase.answer(message)
-        case messages.Back():
+        case messages.PreviousQuestionRequest():
             return phase.go_back()
         case messages.Stop():
             return phase.stop("participant", message.method)
-        case messages.RobotCommand() | messages.WatcherRobotCommand():
+        case messages.RobotCommand() | messages.OtherPersonRobotCommand():
             if message.name == "stop":
                 return stop_by_command(phase, message.source)
             phase.command_robot(message.name, message.source)
-        case messages.ChooseParticipantBody():
+        case messages.ParticipantBodyChoice():
             return phase.choose_body(message, "experimenter")
-        case messages.ChooseBody():
+        case messages.BodyChoice():
             return phase.choose_body(message, "participant")
-        case messages.CorrectTorsoHeight():
+        case messages.TorsoHeightCorrection():
             return phase.correct_torso_height(message.torso_height_m)
-        case messages.Drive():
-            phase.drive(message)
-        case messages.Steer():
-            phase.steer(message)
+        case messages.VelocityCommand():
+            phase.apply_velocity_command(message)
+        case messages.ControllerPoseCommand():
+            phase.apply_controller_pose(message)
         case messages.DemonstratorDisconnected():
-            phase.demonstrator_left()
-        case messages.Command():
+            phase.on_demonstrator_disconnected()
+        case messages.ExperimenterCommand():
             return execute_experimenter_command(phase, message.name)
-        case messages.Offered() | messages.Press():
+        case messages.OfferedTargets() | messages.TargetSelectionRequest():
             phase.state.participant_input.relay_selection(message, phase.state.send)
-        case messages.MarkPoint():
+        case messages.FurniturePointMark():
             phase.state.mark_point(message.point)
-        case messages.SceneWatched() | messages.Demonstrate():
+        case messages.WatcherSceneLoaded() | messages.DemonstrationCommand():
             pass
-        case messages.Hello() | messages.Receipt():
+        case messages.Hello() | messages.StateReceipt():
             phase.state.report_problem(
                 f"a message of type {type(message).__name__} is ignored; a running session does not handle it"
             )
@@ -87,7 +92,7 @@ def stop_by_command(phase: Phase, source: CommandSource) -> Phase:
     return phase.stop(by, STOP_METHOD_BY_SOURCE.get(source))
 
 
-def execute_experimenter_command(phase: Phase, command: CommandName) -> Phase:
+def execute_experimenter_command(phase: Phase, command: ExperimenterCommandName) -> Phase:
     """Pass a command of the experimenter to a phase. Returns the next phase."""
     match command:
         case "stop":
@@ -101,7 +106,7 @@ def execute_experimenter_command(phase: Phase, command: CommandName) -> Phase:
         case "skip":
             return phase.skip()
         case "end":
-            return phase.end()
+            return phase.end_session()
         case "recalibrate":
             return phase.repeat_calibration()
         case "break":

@@ -317,7 +317,7 @@ class EventSink:
     def __init__(self, observe: EventObserver, stored: Callable[[], bool]) -> None:
         """``observe`` receives each event; ``stored`` returns whether all events are stored. Both may raise an
         error."""
-        self.failure: Exception | None = None
+        self.storage_error: Exception | None = None
         self._observe, self._stored = observe, stored
 
     def report(self, event: SessionEvent) -> None:
@@ -325,23 +325,23 @@ class EventSink:
         try:
             self._observe(event)
         except Exception as error:  # any error of a database
-            self.failure = error
+            self.storage_error = error
 
-    def has_stored_all(self) -> bool:
+    def has_stored_all_events(self) -> bool:
         """Returns whether all events are stored. If the observer raises an error, the error is stored in
         ``failure``."""
         try:
             return self._stored()
         except Exception as error:  # any error of a database
-            self.failure = error
+            self.storage_error = error
             return False
 
-    def pop_failure(self) -> Exception | None:
+    def pop_storage_error(self) -> Exception | None:
         """Returns ``failure``, and sets it to ``None``."""
-        failure, self.failure = self.failure, None
+        failure, self.storage_error = self.storage_error, None
         return failure
 
-    def clear_failures(self) -> None:
+    def clear_storage_errors(self) -> None:
         """Clear ``failure``. All errors of the observer until now are discarded."""
-        self.has_stored_all()
-        self.failure = None
+        self.has_stored_all_events()
+        self.storage_error = None

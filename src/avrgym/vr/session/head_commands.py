@@ -6,10 +6,10 @@ import numpy as np
 
 from avrgym.commands.head_motion import GazeTimer, HeadGestureDetector
 from avrgym.commands.preferences import TrialRules
-from avrgym.commands.vocabulary import COMMANDS_BY_LIMITED_SOURCE, CommandName, CommandSource
-from avrgym.safety.pacing import facing_angle_rad
+from avrgym.commands.vocabulary import ALLOWED_COMMANDS_BY_SOURCE, CommandName, CommandSource
+from avrgym.safety.pacing import compute_facing_angle_rad
 from avrgym.vr.live_world.world import LiveWorld
-from avrgym.vr.protocol.messages import Tracking
+from avrgym.vr.protocol.messages import TrackingFrameMessage
 
 
 class HeadCommandDetector:
@@ -27,7 +27,9 @@ class HeadCommandDetector:
         self._gaze = GazeTimer(rules.thresholds) if "gaze" in rules.sources else None
         self._mode = ""
 
-    def gesture_commands(self, tracking: Tracking) -> Iterator[tuple[CommandName, CommandSource]]:
+    def detect_gesture_commands(
+        self, tracking: TrackingFrameMessage
+    ) -> Iterator[tuple[CommandName, CommandSource]]:
         """Yields the commands of gestures that end with this tracking frame, with their sources."""
         if self._gestures is None or tracking.head is None:
             return
@@ -37,17 +39,17 @@ class HeadCommandDetector:
             return
         for name, done in self._gestures.update(q, tracking.client_time_ms / 1000.0).items():
             if done[0] and name in self._sources:
-                yield COMMANDS_BY_LIMITED_SOURCE[name][0], name
+                yield ALLOWED_COMMANDS_BY_SOURCE[name][0], name
 
-    def gaze_commands(self, world: LiveWorld) -> Iterator[tuple[CommandName, CommandSource]]:
+    def detect_gaze_commands(self, world: LiveWorld) -> Iterator[tuple[CommandName, CommandSource]]:
         """Yields the commands from gaze at the tool or away from it. Call it after each control step."""
         if self._gaze is None or world.pacing is None:
             return
-        mode = world.pacing.mode_name(0)
+        mode = world.pacing.get_mode_name(0)
         if mode != self._mode:
-            self._gaze.facing_s[:] = self._gaze.facing_away_s[:] = 0.0
+            self._gaze.facing_duration_s[:] = self._gaze.facing_away_duration_s[:] = 0.0
             self._mode = mode
-        angle_rad = facing_angle_rad(world.simulation.state())
+        angle_rad = compute_facing_angle_rad(world.simulation.get_state())
         self._gaze.update(angle_rad, world.scene_config.control_step_s)
         if mode == "waiting" and self._gaze.detect_gaze()[0]:
             yield "ready", "gaze"

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import msgspec
 
-WARNING_REMAINING_S = 300.0
+LIMIT_WARNING_TIME_S = 300.0
 """Time before the limit, in seconds, at which the experimenter receives a warning."""
 
 Minutes = Annotated[float, msgspec.Meta(ge=0, le=480)]
@@ -27,7 +27,7 @@ NO_SESSION_RULES = SessionRules()
 class HeadsetTime:
     """Counts the time in VR of one session.
 
-    ``total_s``: time in VR. ``break_is_due``: a break follows before the next trial. ``break_questions_due``: the
+    ``total_s``: time in VR. ``is_break_due``: a break follows before the next trial. ``are_break_questions_due``: the
     questions after the break were not answered yet.
     """
 
@@ -35,7 +35,7 @@ class HeadsetTime:
         """``earlier_s``: time in VR of interrupted sessions that this session continues."""
         self.rules = rules
         self.total_s = earlier_s
-        self.break_questions_due = False
+        self.are_break_questions_due = False
         self._requested = False
         self._since_break_s = earlier_s
         self._stored_s = earlier_s
@@ -53,7 +53,7 @@ class HeadsetTime:
         return 60.0 * self.rules.max_headset_minutes or None
 
     @property
-    def break_is_due(self) -> bool:
+    def is_break_due(self) -> bool:
         """Whether a break is due, by rule or by request."""
         every_s = 60.0 * self.rules.break_every_minutes
         return self._requested or (every_s > 0.0 and self._since_break_s >= every_s)
@@ -69,7 +69,7 @@ class HeadsetTime:
 
     def begin_break(self) -> None:
         """Begin a break. Questions about the break follow after its end."""
-        self._requested, self.break_questions_due = False, True
+        self._requested, self.are_break_questions_due = False, True
         self._since_break_s = 0.0
 
     def end_break(self) -> None:
@@ -79,7 +79,7 @@ class HeadsetTime:
     def pop_warning(self) -> str:
         """Returns a warning once, when the maximum time is nearly reached; otherwise an empty text."""
         limit_s = self.limit_s
-        if self._warned or limit_s is None or self.total_s < limit_s - WARNING_REMAINING_S:
+        if self._warned or limit_s is None or self.total_s < limit_s - LIMIT_WARNING_TIME_S:
             return ""
         self._warned = True
         return (
@@ -87,7 +87,7 @@ class HeadsetTime:
             "after that, no further trial begins"
         )
 
-    def pop_unstored_s(self) -> float:
+    def pop_unstored_time_s(self) -> float:
         """Returns the time in VR since the previous call, in seconds."""
         unstored_s, self._stored_s = self.total_s - self._stored_s, self.total_s
         return unstored_s

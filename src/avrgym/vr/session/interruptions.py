@@ -8,7 +8,7 @@ from avrgym.texts.interface_texts import ParticipantText
 from avrgym.vr.protocol.messages import Visibility
 from avrgym.vr.session import events
 
-UNTRACKED_LIMIT_S = 1.0
+UNTRACKED_TIMEOUT_S = 1.0
 """Time in seconds without a measured pose after which a part of the body is considered untracked."""
 INVISIBILITY_REASONS: dict[Visibility, str] = {
     "visible-blurred": "a menu of the headset covers the scene",
@@ -21,7 +21,7 @@ UNTRACKED_TEXT_KEYS: Mapping[TrackedBodyPart, str] = {
     "right": "right_untracked",
 }
 """Keys of the texts about an untracked part of the body, before a trial."""
-TIMED_OUT_TEXT_KEYS: Mapping[TrackedBodyPart, str] = {
+TRACKING_TIMEOUT_TEXT_KEYS: Mapping[TrackedBodyPart, str] = {
     "head": "tracking_timed_out",
     "left": "left_timed_out",
     "right": "right_timed_out",
@@ -42,15 +42,15 @@ class Interruption:
     participant_text: ParticipantText
 
 
-def tracking_interruption(now_s: float, part: TrackedBodyPart) -> Interruption:
-    """Returns the interruption of an attempt because a part of the body was untracked for ``UNTRACKED_LIMIT_S``."""
-    seconds = f"{UNTRACKED_LIMIT_S:g}"
-    message = ParticipantText(TIMED_OUT_TEXT_KEYS[part], {"seconds": seconds})
+def make_tracking_interruption(now_s: float, part: TrackedBodyPart) -> Interruption:
+    """Returns the interruption of an attempt because a part of the body was untracked for ``UNTRACKED_TIMEOUT_S``."""
+    seconds = f"{UNTRACKED_TIMEOUT_S:g}"
+    message = ParticipantText(TRACKING_TIMEOUT_TEXT_KEYS[part], {"seconds": seconds})
     why = f"tracking was lost for {seconds} s: {TRACKED_BODY_PART_LABELS[part]}"
     return Interruption("tracking_timed_out", why, events.TrackingTimedOut(now_s, part), message)
 
 
-def visibility_interruption(now_s: float, visibility: Visibility) -> Interruption:
+def make_visibility_interruption(now_s: float, visibility: Visibility) -> Interruption:
     """Returns the interruption of an attempt because the participant no longer sees the scene."""
     why = f"the participant does not see the scene: {INVISIBILITY_REASONS[visibility]}"
     return Interruption(
@@ -58,7 +58,7 @@ def visibility_interruption(now_s: float, visibility: Visibility) -> Interruptio
     )
 
 
-def suspension_interruption(now_s: float, seconds: float) -> Interruption:
+def make_suspension_interruption(now_s: float, seconds: float) -> Interruption:
     """Returns the interruption of an attempt by a suspended process or computer. ``seconds``: its duration."""
     why = f"the computer was suspended for {seconds:.1f} s"
     message = ParticipantText("time_lost", {"seconds": f"{seconds:.1f}"})

@@ -7,13 +7,13 @@ from pathlib import Path
 from avrgym.commands.preferences import TrialRules
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Sex
-from avrgym.policies.registry import AnyPolicy, default_policy, resolve_session_policy
+from avrgym.policies.registry import AnyPolicy, find_default_policy_name, resolve_session_policy
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item
-from avrgym.questionnaires.stop_rules import StopRules
+from avrgym.questionnaires.stop_rules import StopRuleSet
 from avrgym.recording.configuration import RecordedConsent
 from avrgym.recording.input_profile import DEFAULT_INPUT_PROFILE, InputProfile
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.registry import find_environment, task_goal
+from avrgym.tasks.registry import find_environment, get_goal_description
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.texts.interface_texts import ENGLISH_TEXTS, InterfaceTexts
 from avrgym.vr.session.headset_time import NO_SESSION_RULES, SessionRules
@@ -23,19 +23,19 @@ from avrgym.vr.session.headset_time import NO_SESSION_RULES, SessionRules
 class TrialPlan:
     """One trial: environment, policy (name or path) and seed; a practice trial has no questionnaire.
 
-    ``goal`` describes the task to the participant in one sentence; default: the task's goal. ``items`` is the
-    questionnaire; default: the session's questionnaire. ``num_earlier_attempts`` is the number of attempts in other
-    sessions. ``rules`` are the participant's commands and preferences in this trial. ``allow_preference_changes``:
-    whether the participant may change these preferences. ``settings``: settings of the trial's scene; default: the
-    settings of the session.
+    ``goal_description`` describes the task to the participant in one sentence; default: the task's goal.
+    ``questionnaire_items`` is the questionnaire; default: the session's questionnaire. ``num_earlier_attempts`` is
+    the number of attempts in other sessions. ``rules`` are the participant's commands and preferences in this trial.
+    ``allow_preference_changes``: whether the participant may change these preferences. ``settings``: settings of the
+    trial's scene; default: the settings of the session.
     """
 
     environment: str
     policy: str
     seed: int
     practice: bool
-    goal: str = ""
-    items: Sequence[Item] | None = None
+    goal_description: str = ""
+    questionnaire_items: Sequence[Item] | None = None
     num_earlier_attempts: int = 0
     rules: TrialRules | None = None
     allow_preference_changes: bool = False
@@ -74,38 +74,39 @@ class SessionPlan:
     """The plan of a session.
 
     ``free_movement_s``: duration of free movement before and after each trial. ``countdown_s``: waiting time before the
-    robot starts. ``trial_steps``: a trial's length in control steps. ``first_trial``: number (from 1) of the first
-    trial in this session; above 1 if earlier sessions completed trials. ``haptics``, ``sounds``: whether touches and
-    successes give this feedback. ``furniture`` is the real seat or bed. ``force_guard``: see ``safety.force_guard``.
-    ``withdraw_after_success``: see ``safety.withdrawal``. ``stop_rules``: answers that pause or end the session.
-    ``texts``: the participant's texts in their language, with goals and items. ``headset_check``: durations of the
-    headset check; ``None`` without a check. ``measure_reach``: whether to measure the participant's arm length for the
-    body model. ``open_questionnaire``: a questionnaire of an earlier session that is completed first. ``consent``: the
-    participant's consent, for the recordings. ``proxy_consent``: the consent of a representative. ``respondent``: the
-    person who answers questions, ``participant`` or ``proxy``. ``simulated``: whether the participant is simulated.
-    ``items``: the questionnaire after each trial. ``input_profile``: input and stop methods of the participant at the
-    start of the session. ``settings``: settings of all environments. ``allow_other_settings``: whether policies may
-    have been trained with other settings. ``session_rules``: breaks and the limit of the time in VR. ``break_items``:
-    the questions after a break.
+    robot starts. ``trial_steps``: a trial's length in control steps. ``first_trial_number``: number (from 1) of the
+    first trial in this session; above 1 if earlier sessions completed trials. ``haptics``, ``sounds``: whether
+    touches and successes give this feedback. ``furniture`` is the real seat or bed. ``has_force_guard``: see
+    ``safety.has_force_guard``. ``withdraw_tool_after_success``: see ``safety.withdrawal``. ``stop_rules``: answers
+    that pause or end the session. ``texts``: the participant's texts in their language, with goals and items.
+    ``headset_check``: durations of the headset check; ``None`` without a check. ``reach_measurement_enabled``:
+    whether to measure the participant's arm length for the body model. ``open_questionnaire``: a questionnaire of an
+    earlier session that is completed first. ``consent``: the participant's consent, for the recordings.
+    ``proxy_consent``: the consent of a representative. ``respondent``: the person who answers questions,
+    ``participant`` or ``proxy``. ``is_simulated``: whether the participant is simulated. ``questionnaire_items``: the
+    questionnaire after each trial. ``input_profile``: input and stop methods of the participant at the start of the
+    session. ``settings``: settings of all environments.
+    ``allow_other_settings``: whether policies may have been trained with other settings. ``session_rules``: breaks
+    and the limit of the time in VR. ``break_items``: the questions after a break.
     """
 
     trials: Sequence[TrialPlan]
     sex: Sex
     free_movement_s: float
-    simulated: bool
-    items: Sequence[Item] = LIKERT_ITEMS
+    is_simulated: bool
+    questionnaire_items: Sequence[Item] = LIKERT_ITEMS
     trial_steps: int = EPISODE_STEPS
     countdown_s: float = 3.0
-    first_trial: int = 1
+    first_trial_number: int = 1
     haptics: bool = True
     sounds: bool = True
     furniture: RealFurniture = field(default_factory=RealFurniture)
-    force_guard: bool = True
-    withdraw_after_success: bool = True
-    stop_rules: StopRules = field(default_factory=StopRules)
+    has_force_guard: bool = True
+    withdraw_tool_after_success: bool = True
+    stop_rules: StopRuleSet = field(default_factory=StopRuleSet)
     texts: InterfaceTexts = ENGLISH_TEXTS
     headset_check: HeadsetCheckPlan | None = None
-    measure_reach: bool = False
+    reach_measurement_enabled: bool = False
     open_questionnaire: OpenQuestionnaire | None = None
     consent: RecordedConsent | None = None
     proxy_consent: RecordedConsent | None = None
@@ -118,23 +119,25 @@ class SessionPlan:
 
     def __post_init__(self) -> None:
         last = len(self.trials) + (self.open_questionnaire is not None)
-        if not 1 <= self.first_trial <= last:
-            raise ValueError(f"first_trial is {self.first_trial}; allowed: 1 to {len(self.trials)}")
+        if not 1 <= self.first_trial_number <= last:
+            raise ValueError(f"first_trial is {self.first_trial_number}; allowed: 1 to {len(self.trials)}")
 
-    def goal_text(self, trial: TrialPlan) -> str:
+    def find_goal_text(self, trial: TrialPlan) -> str:
         """Returns the description of the task for the participant."""
         task, _ = find_environment(trial.environment)
-        return trial.goal or self.texts.translate(task_goal(task, self.settings_of(trial)))
+        return trial.goal_description or self.texts.translate(
+            get_goal_description(task, self.find_trial_settings(trial))
+        )
 
-    def settings_of(self, trial: TrialPlan) -> Settings:
+    def find_trial_settings(self, trial: TrialPlan) -> Settings:
         """Returns the settings of a trial's scene."""
         return self.settings if trial.settings is None else trial.settings
 
-    def questionnaire_after(self, trial: TrialPlan) -> Sequence[Item]:
+    def find_questionnaire_items(self, trial: TrialPlan) -> Sequence[Item]:
         """Returns the questionnaire items that follow a trial, in order."""
         if trial.practice:
             return ()
-        return self.items if trial.items is None else trial.items
+        return self.questionnaire_items if trial.questionnaire_items is None else trial.questionnaire_items
 
 
 def plan_trials_with_practice(
@@ -146,16 +149,16 @@ def plan_trials_with_practice(
     """
     order = [(environment, i == 0) for environment in environments for i in range(trials + 1)]
     return [
-        TrialPlan(environment, policy or default_policy(environment), seed + i, practice)
+        TrialPlan(environment, policy or find_default_policy_name(environment), seed + i, practice)
         for i, (environment, practice) in enumerate(order)
     ]
 
 
-Policies = Mapping[tuple[str, str], AnyPolicy]
+SessionPolicies = Mapping[tuple[str, str], AnyPolicy]
 """Policies by (environment, name or path). A name refers to a different policy in each environment."""
 
 
-def load_policies(plan: SessionPlan) -> Policies:
+def load_policies(plan: SessionPlan) -> SessionPolicies:
     """Load and return all policies of a plan.
 
     Raises:
@@ -166,6 +169,6 @@ def load_policies(plan: SessionPlan) -> Policies:
             policy, environment, settings, allow_other_settings=plan.allow_other_settings
         )
         for environment, policy, settings in {
-            (trial.environment, trial.policy, plan.settings_of(trial)) for trial in plan.trials
+            (trial.environment, trial.policy, plan.find_trial_settings(trial)) for trial in plan.trials
         }
     }

@@ -6,44 +6,60 @@ from typing import Any
 
 import msgspec
 
-from avrgym.commands.preferences import DEFAULT_FORCE_SHARE, Preferences, TrialRules, find_contradiction
+from avrgym.commands.preferences import (
+    DEFAULT_FORCE_LIMIT_FRACTION,
+    Preferences,
+    TrialRules,
+    find_contradiction,
+)
 from avrgym.questionnaires.questionnaire import Item
 
 
 @dataclass(frozen=True)
 class PreferenceQuestion:
-    """A question about one preference. ``values``: the value of each answer, in the order of the labels."""
+    """A question about one preference. ``answer_values``: the value of each answer, in the order of the labels."""
 
-    name: str
+    preference_name: str
     text: str
-    values: tuple[Any, ...]
-    labels: tuple[str, ...]
+    answer_values: tuple[Any, ...]
+    answer_labels: tuple[str, ...]
 
     @property
-    def item(self) -> Item:
+    def questionnaire_item(self) -> Item:
         """The question as a questionnaire item with a labelled scale."""
-        return Item(self.name, self.text, len(self.values), self.labels[0], self.labels[-1], self.labels)
+        return Item(
+            self.preference_name,
+            self.text,
+            len(self.answer_values),
+            self.answer_labels[0],
+            self.answer_labels[-1],
+            self.answer_labels,
+        )
 
-    def answer_of(self, preferences: Preferences) -> int:
+    def find_answer(self, preferences: Preferences) -> int:
         """Returns the number of the answer (from 1) that is closest to a participant's preferences."""
-        value = getattr(preferences, self.name)
+        value = getattr(preferences, self.preference_name)
         if isinstance(value, str):
-            return self.values.index(value) + 1
-        return min(range(len(self.values)), key=lambda index: abs(self.values[index] - value)) + 1
+            return self.answer_values.index(value) + 1
+        return (
+            min(range(len(self.answer_values)), key=lambda index: abs(self.answer_values[index] - value)) + 1
+        )
 
-    def possible(self, rules: Sequence[TrialRules]) -> "PreferenceQuestion":
+    def remove_contradictions(self, rules: Sequence[TrialRules]) -> "PreferenceQuestion":
         """Returns the question without the answers that contradict the rules of a trial."""
         pairs = [
             (value, label)
-            for value, label in zip(self.values, self.labels, strict=True)
-            if not any(find_contradiction(with_preferences(each, {self.name: value})) for each in rules)
+            for value, label in zip(self.answer_values, self.answer_labels, strict=True)
+            if not any(
+                find_contradiction(replace_preferences(each, {self.preference_name: value})) for each in rules
+            )
         ]
         return PreferenceQuestion(
-            self.name, self.text, *(tuple(column) for column in zip(*pairs, strict=True))
+            self.preference_name, self.text, *(tuple(column) for column in zip(*pairs, strict=True))
         )
 
 
-QUESTIONS = (
+PREFERENCE_QUESTIONS = (
     PreferenceQuestion(
         "speed",
         "How fast should the robot move, compared with its usual speed?",
@@ -77,14 +93,14 @@ QUESTIONS = (
     PreferenceQuestion(
         "force_share",
         "At which force on you should the robot pull back, compared with the usual limit?",
-        (0.1, 0.2, 0.3, 0.4, DEFAULT_FORCE_SHARE),
+        (0.1, 0.2, 0.3, 0.4, DEFAULT_FORCE_LIMIT_FRACTION),
         ("20 %", "40 %", "60 %", "80 %", "100 %"),
     ),
 )
 """The questions in order. The German sentences are in ``texts/de.toml``."""
 
 
-def possible_questions(rules: Sequence[TrialRules], *, force_guard: bool) -> list[PreferenceQuestion]:
+def find_possible_questions(rules: Sequence[TrialRules], *, force_guard: bool) -> list[PreferenceQuestion]:
     """Returns the questions with more than one possible answer that have an effect.
 
     Args:
@@ -96,10 +112,14 @@ def possible_questions(rules: Sequence[TrialRules], *, force_guard: bool) -> lis
         without_effect.add("pause_s")
     if not force_guard:
         without_effect.add("force_share")
-    questions = [question.possible(rules) for question in QUESTIONS if question.name not in without_effect]
-    return [question for question in questions if len(question.values) > 1]
+    questions = [
+        question.remove_contradictions(rules)
+        for question in PREFERENCE_QUESTIONS
+        if question.preference_name not in without_effect
+    ]
+    return [question for question in questions if len(question.answer_values) > 1]
 
 
-def with_preferences(rules: TrialRules, changes: dict[str, Any]) -> TrialRules:
+def replace_preferences(rules: TrialRules, changes: dict[str, Any]) -> TrialRules:
     """Returns the rules of a trial with changed preferences."""
     return msgspec.structs.replace(rules, preferences=msgspec.structs.replace(rules.preferences, **changes))

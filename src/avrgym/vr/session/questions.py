@@ -24,12 +24,12 @@ class QuestionSequence:
         )
 
     @property
-    def all_answered(self) -> bool:
+    def are_all_answered(self) -> bool:
         """Whether every item is answered."""
         return self._asked == len(self._items)
 
     @property
-    def unanswered_items(self) -> list[str]:
+    def unanswered_item_ids(self) -> list[str]:
         """The identifiers of the items without an answer."""
         return [item.id for item in self._items if item.id not in self._given]
 
@@ -38,7 +38,7 @@ class QuestionSequence:
         """The earlier answer to the current item; ``None`` without an earlier answer."""
         return self._given.get(self._items[self._asked].id)
 
-    def current_question(self) -> messages.Question:
+    def make_current_question(self) -> messages.Question:
         """Returns the current item as a message for the clients."""
         item = self._items[self._asked]
         return messages.Question(

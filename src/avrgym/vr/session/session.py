@@ -12,7 +12,7 @@ from concurrent.futures import Executor
 from pathlib import Path
 
 from avrgym.models import human
-from avrgym.models.body_names import ARMS, TRACKED_BODY_PARTS, TrackedBodyPart
+from avrgym.models.body_names import PERSON_ARM_SIDES, TRACKED_BODY_PARTS, TrackedBodyPart
 from avrgym.models.human import Person
 from avrgym.questionnaires.stop_rules import StopDecision
 from avrgym.recording.input_profile import InputProfile
@@ -20,25 +20,25 @@ from avrgym.tasks.control_loop import FirstWorldStep
 from avrgym.tasks.settings import Settings
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import PhaseName, ReceivedMessage, SendMessage
+from avrgym.vr.protocol.messages import MessageSender, PhaseName, ReceivedMessage
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.session import events
-from avrgym.vr.session.attempt import Attempt, AttemptResults, versions
+from avrgym.vr.session.attempt import Attempt, AttemptResults, read_package_versions
 from avrgym.vr.session.attempt_storage import AttemptStorage, QuestionnaireAttempt
+from avrgym.vr.session.device_streams import DeviceStreams, StreamRecorder
 from avrgym.vr.session.dispatch import handle_message
 from avrgym.vr.session.events import EventObserver, EventSink
 from avrgym.vr.session.headset_time import HeadsetTime
-from avrgym.vr.session.interruptions import suspension_interruption, tracking_interruption
+from avrgym.vr.session.interruptions import make_suspension_interruption, make_tracking_interruption
 from avrgym.vr.session.participant_input import ParticipantInput
 from avrgym.vr.session.phases import Phase, TrialQuestionnaire, WaitingForParticipant
-from avrgym.vr.session.plan import OpenQuestionnaire, Policies, SessionPlan
-from avrgym.vr.session.preparation import ImmediateExecutor
+from avrgym.vr.session.plan import OpenQuestionnaire, SessionPlan, SessionPolicies
 from avrgym.vr.session.questions import QuestionSequence
 from avrgym.vr.session.reporting import StateReporter, make_status
-from avrgym.vr.session.state import SessionState
-from avrgym.vr.session.streams import DeviceStreams, StreamRecording
+from avrgym.vr.session.session_state import SessionState
 from avrgym.vr.session.trial_drivers import TrialDrivers
 from avrgym.vr.session.trial_worlds import TrialWorlds
+from avrgym.vr.session.world_preparation import ImmediateExecutor
 
 MAX_TICK_GAP_S = 0.5
 """Maximum time in seconds between two ticks, usually 10 ms. A longer gap ends an attempt."""
@@ -50,9 +50,9 @@ class Session:
     def __init__(
         self,
         plan: SessionPlan,
-        policies: Policies,
+        policies: SessionPolicies,
         folder: Path,
-        send: SendMessage,
+        send: MessageSender,
         identifier: str,
         *,
         observe: events.EventObserver = lambda event: None,
@@ -86,23 +86,23 @@ class Session:
             headset_time: counts the participant's time in VR; default: starts at 0, with the plan's rules.
         """
         left = plan.open_questionnaire
-        trial = (plan.first_trial if left is None else left.trial_number) - 1
+        trial = (plan.first_trial_number if left is None else left.trial_number) - 1
         participant_input = participant_input or ParticipantInput(plan.input_profile)
         absent_arms = participant_input.profile.absent_arms
-        person = Person(plan.sex, human.PROPORTIONS[plan.sex].torso_height, absent_arms=absent_arms)
+        person = Person(plan.sex, human.BODY_DIMENSIONS[plan.sex].torso_height_m, absent_arms=absent_arms)
         worlds = TrialWorlds(
             plan, trial, person, workers or ImmediateExecutor(), [] if scenes is None else scenes
         )
         sink = EventSink(observe if streams is None else _both(streams.send_event, observe), is_stored)
         storage = AttemptStorage(folder, sink)
         drivers = TrialDrivers(policies, background=workers is not None)
-        versions()  # this reads files the first time, which must not delay a tick
+        read_package_versions()  # this reads files the first time, which must not delay a tick
         self._state = SessionState(
             plan, drivers, identifier, send, sink, storage, worlds, trial, person, participant_input,
             headset_time or HeadsetTime(plan.session_rules),
         )  # fmt: skip
         self._ended_elsewhere = ended_elsewhere
-        self._streams = None if streams is None else StreamRecording(streams, self._state)
+        self._streams = None if streams is None else StreamRecorder(streams, self._state)
         self._reporter = StateReporter(send, state_interval_ticks)
         self._ticked_s: float | None = None
         self._enter(WaitingForParticipant(self._state) if left is None else self._reopened(left))
@@ -113,9 +113,9 @@ class Session:
         return self._phase.name
 
     @property
-    def at_rest(self) -> bool:
+    def is_at_rest(self) -> bool:
         """Whether neither the participant nor the robot moves. A delay of some milliseconds is then acceptable."""
-        return not self._phase.moves
+        return not self._phase.has_motion
 
     @property
     def plan(self) -> SessionPlan:
@@ -167,7 +167,7 @@ class Session:
         """The names of the bodies, in the order of the poses in every state."""
         return self.world.bodies
 
-    def send_initial_state(self, send: SendMessage, role: messages.Role, now_s: float) -> None:
+    def send_initial_state(self, send: MessageSender, role: messages.Role, now_s: float) -> None:
         """Send the state of the session to a client that has just connected."""
         state = self._state
         if role == "participant":
@@ -176,14 +176,14 @@ class Session:
             state.event_sink.report(events.ConnectionFound(now_s))
         plan = state.plan
         how = {"haptics": plan.haptics, "sounds": plan.sounds}
-        send(messages.Welcome(messages.PROTOCOL_VERSION, state.identifier, role, **how))
-        send(state.language_message())
-        send(state.body_message())
+        send(messages.Welcome(messages.PROTOCOL_VERSION, state.session_id, role, **how))
+        send(state.make_language_message())
+        send(state.make_body_message())
         state.participant_input.send_initial_state(send, role)
-        send(state.scene_message())
+        send(state.make_scene_message())
         state.send_world_motion(send)
-        if state.offered_commands.commands:
-            send(state.offered_commands)
+        if state.available_commands.commands:
+            send(state.available_commands)
         self._announce(send)
 
     def receive(self, message: ReceivedMessage, now_s: float) -> None:
@@ -191,10 +191,10 @@ class Session:
         self._state.now_s = now_s
         self._go_to(handle_message(self._phase, message))
 
-    def change_input(self, profile: InputProfile, now_s: float) -> None:
+    def change_input_profile(self, profile: InputProfile, now_s: float) -> None:
         """Change the participant's input profile: the methods to select and to stop."""
         self._state.now_s = now_s
-        self._state.change_input(profile)
+        self._state.change_input_profile(profile)
 
     def tick(self, now_s: float) -> None:
         """Advance the world by 10 ms of simulated time and the session to ``now_s``."""
@@ -203,12 +203,12 @@ class Session:
         state.now_s = now_s
         state.count_headset_time(0.0 if before_s is None else now_s - before_s)
         if self._ended_elsewhere() or self._is_over():
-            self._go_to(self._phase.cancel())
+            self._go_to(self._phase.cancel_session())
         if storage.attempt is not None:
             self._check_continuity(0.0 if before_s is None else now_s - before_s)
         self._follow()
         driver = self._phase.driver
-        step = self.world.tick(driver, hold=bool(state.tracking.lost_parts))
+        step = self.world.tick(driver, hold=bool(state.tracking.untracked_needed_parts))
         if storage.attempt is not None:
             storage.attempt.record_physics(self.world, now_s)
         if driver is not None:
@@ -217,14 +217,14 @@ class Session:
             state.record_withdrawal()
         if step is not None:
             self._go_to(self._phase.on_control_step(step))
-        state.send_offered_commands(possible=self._phase.name == "trial")
+        state.send_available_commands(possible=self._phase.name == "trial")
         self._check_storage()
         while self._go_to(self._phase.poll()):
             pass
         self._report(step)
         if self._streams is not None:
             self._streams.tick()
-        if self._ends_at is not None and now_s >= self._ends_at and state.event_sink.has_stored_all():
+        if self._ends_at is not None and now_s >= self._ends_at and state.event_sink.has_stored_all_events():
             self._go_to(self._phase.on_timeout())
         if storage.attempt is not None:
             storage.attempt.submit_records()
@@ -251,10 +251,10 @@ class Session:
         storage = self._state.attempt_storage
         idle = (
             storage.attempt is None
-            and storage.completing_trial_index is None
+            and storage.unstored_trial_index is None
             and not self._phase.robot_finished
         )
-        return self._state.ends_by_stop_rule and idle
+        return self._state.is_ended_by_stop_rule and idle
 
     def _reopened(self, left: OpenQuestionnaire) -> TrialQuestionnaire:
         """Returns the phase that presents the open questionnaire of an earlier session."""
@@ -264,7 +264,7 @@ class Session:
         )
         return TrialQuestionnaire(
             state,
-            QuestionSequence(state.plan.questionnaire_after(state.current_trial), left.existing_answers),
+            QuestionSequence(state.plan.find_questionnaire_items(state.current_trial), left.existing_answers),
         )
 
     def _go_to(self, phase: Phase) -> bool:
@@ -279,24 +279,24 @@ class Session:
         trial, texts = min(state.trial_index + 1, trials), state.plan.texts
         self._phase = phase
         self._ends_at = None if phase.time_limit_s is None else state.now_s + phase.time_limit_s
-        self._message = messages.Phase(
+        self._message = messages.PhaseDescription(
             phase.name,
-            texts.render(phase.message),
+            texts.format_for_vr(phase.message),
             trial,
             trials,
             state.current_trial.practice,
             phase.time_limit_s,
-            texts.render_for_page(phase.message),
-            texts.render_by_input(phase.message),
-            phase.message.key,
-            phase.can_prefer,
+            texts.format_for_page(phase.message),
+            texts.format_by_select_input(phase.message),
+            phase.message.text_key,
+            phase.can_change_preferences,
         )
         state.record_event("phase", phase.name)
         state.event_sink.report(events.PhaseEntered(state.now_s, phase.name, trial))
         self._announce(state.send)
         phase.on_enter()
 
-    def _announce(self, send: SendMessage) -> None:
+    def _announce(self, send: MessageSender) -> None:
         send(self._message)
         if self._phase.question is not None:
             send(self._phase.question)
@@ -305,17 +305,19 @@ class Session:
         """Move the simulated person to the pose in the newest tracking frame. A stale frame does not move them."""
         state, attempt = self._state, self._state.attempt_storage.attempt
         profile = state.participant_input.profile
-        followed = state.tracking.update(state.needed_parts, state.now_s, profile)
+        followed = state.tracking.update(state.needed_body_parts, state.now_s, profile)
         if followed.target_pose is not None:
             self.world.follow_pose(
-                followed.target_pose, [arm for arm in ARMS if arm not in profile.tracked_arms]
+                followed.target_pose, [arm for arm in PERSON_ARM_SIDES if arm not in profile.tracked_arms]
             )
         if self._phase.participant_located:
             state.move_seat()
         for part in filter(profile.needs_tracking, TRACKED_BODY_PARTS):
-            if (part in followed.lost_parts) != (part in followed.lost_parts_before):
-                self._report_tracking(part, lost=part in followed.lost_parts)
-            if (part in followed.deviating_parts) != (part in followed.deviating_parts_before):
+            if (part in followed.untracked_needed_parts) != (
+                part in followed.previous_untracked_needed_parts
+            ):
+                self._report_tracking(part, lost=part in followed.untracked_needed_parts)
+            if (part in followed.deviating_parts) != (part in followed.previous_deviating_parts):
                 state.record_event("pose_held" if part in followed.deviating_parts else "pose_followed", part)
         if attempt is None:
             return
@@ -332,21 +334,25 @@ class Session:
     def _check_continuity(self, since_last_tick_s: float) -> None:
         """Interrupt an attempt if a part of the body was untracked for too long, or the process was suspended."""
         if since_last_tick_s > MAX_TICK_GAP_S:
-            self._go_to(self._phase.interrupt(suspension_interruption(self._state.now_s, since_last_tick_s)))
+            self._go_to(
+                self._phase.interrupt(make_suspension_interruption(self._state.now_s, since_last_tick_s))
+            )
         elif self._phase.can_be_stopped and self._state.untracked_part is not None:
             self._go_to(
-                self._phase.interrupt(tracking_interruption(self._state.now_s, self._state.untracked_part))
+                self._phase.interrupt(
+                    make_tracking_interruption(self._state.now_s, self._state.untracked_part)
+                )
             )
 
     def _check_storage(self) -> None:
         """Report a slow disk. If a trial cannot be recorded or stored, stop the robot and end the attempt."""
         state, storage = self._state, self._state.attempt_storage
-        stored, failure = state.event_sink.has_stored_all(), storage.pop_failure()
+        stored, failure = state.event_sink.has_stored_all_events(), storage.pop_failure()
         if failure is not None:
             self._go_to(self._phase.on_storage_failure(failure))
-        elif stored and storage.completing_trial_index is not None:
-            state.trial_index = max(state.trial_index, storage.completing_trial_index + 1)
-            storage.completing_trial_index = None
+        elif stored and storage.unstored_trial_index is not None:
+            state.trial_index = max(state.trial_index, storage.unstored_trial_index + 1)
+            storage.unstored_trial_index = None
             self._go_to(self._phase.on_trial_stored())
         if storage.attempt is None:
             return
@@ -360,11 +366,11 @@ class Session:
     def _report(self, step: FirstWorldStep | None) -> None:
         state = self._state
         self._reporter.tick(self.world, state.tracking, step)
-        if self._reporter.status_is_due:
+        if self._reporter.is_status_due:
             standing = self._message, self.attempt, self.world, state.tracking, state.now_s
             steps, paused, why = state.plan.trial_steps, state.is_paused, state.pause_reason
             driver, latency = state.driver, state.stage_latencies
-            streams = [] if self._streams is None else self._streams.stream_status
+            streams = [] if self._streams is None else self._streams.stream_statuses
             how = make_status(
                 *standing,
                 steps=steps,

@@ -4,12 +4,12 @@ from concurrent.futures import Executor
 from dataclasses import replace
 
 from avrgym.models.human import Person
-from avrgym.tasks.registry import task_and_scene
+from avrgym.tasks.registry import find_task_and_scene
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
-from avrgym.vr.live_world.scene_message import scene_url
+from avrgym.vr.live_world.scene_message import make_scene_url
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.session.plan import SessionPlan
-from avrgym.vr.session.preparation import BodyKey, WorldKey, WorldPreparation
+from avrgym.vr.session.world_preparation import BodyKey, WorldKey, WorldPreparation
 
 
 class TrialWorlds:
@@ -33,24 +33,24 @@ class TrialWorlds:
         self._preparation = WorldPreparation(workers)
         self._fresh_for: WorldKey | None = None
         self._shown: int | None = None
-        environment, settings = plan.trials[trial].environment, plan.settings_of(plan.trials[trial])
+        environment, settings = plan.trials[trial].environment, plan.find_trial_settings(plan.trials[trial])
         self.scene_number = self._number(environment, settings, person)
-        self.world = LiveWorld(environment, resting_person(environment, person, settings), settings)
+        self.world = LiveWorld(environment, make_resting_person(environment, person, settings), settings)
 
     @property
     def scene_url(self) -> str:
         """The address of the GLB file of the current world's scene."""
-        return scene_url(self.scene_number)
+        return make_scene_url(self.scene_number)
 
-    def is_unused(self, trial: int, person: Person) -> bool:
+    def is_world_unused(self, trial: int, person: Person) -> bool:
         """Returns whether the current world was built for this trial and body, and its robot has not moved."""
         return self._fresh_for == _key(trial, person)
 
-    def mark_used(self) -> None:
+    def mark_world_used(self) -> None:
         """Mark the current world as used: the robot moves."""
         self._fresh_for = None
 
-    def prepare(self, trial: int, person: Person) -> None:
+    def prepare_world(self, trial: int, person: Person) -> None:
         """Start to build a trial's world, if it does not exist and is not in preparation.
 
         In the same environment with the same settings, the new person has the current pose. Otherwise the new person
@@ -60,18 +60,18 @@ class TrialWorlds:
         if key in (self._fresh_for, self._preparation.world_key):
             return
         plan, now = self._plan.trials[trial], self.world
-        settings = self._plan.settings_of(plan)
+        settings = self._plan.find_trial_settings(plan)
         if (plan.environment, settings) == (now.environment_id, now.settings):
             start_person = replace(person, joint_angles_rad=now.joint_targets_rad)
         else:
-            start_person = resting_person(plan.environment, person, settings)
+            start_person = make_resting_person(plan.environment, person, settings)
         self._preparation.start(key, plan.environment, start_person, settings, plan.seed)
 
-    def upcoming_scene_url(self, trial: int, person: Person) -> str | None:
+    def find_next_scene_url(self, trial: int, person: Person) -> str | None:
         """Returns the address of a trial's scene; ``None`` if it is the current scene."""
         plan = self._plan.trials[trial]
-        number = self._number(plan.environment, self._plan.settings_of(plan), person)
-        return None if number == self.scene_number else scene_url(number)
+        number = self._number(plan.environment, self._plan.find_trial_settings(plan), person)
+        return None if number == self.scene_number else make_scene_url(number)
 
     @property
     def is_world_ready(self) -> bool:
@@ -104,14 +104,14 @@ class TrialWorlds:
             same = (known, applied) == (environment, settings)
             if same and BodyKey.from_person(body) == BodyKey.from_person(person):
                 return number
-        self.scenes.append((environment, resting_person(environment, person, settings), settings))
+        self.scenes.append((environment, make_resting_person(environment, person, settings), settings))
         return len(self.scenes) - 1
 
 
-def resting_person(environment: str, person: Person, settings: Settings = DEFAULT_SETTINGS) -> Person:
+def make_resting_person(environment: str, person: Person, settings: Settings = DEFAULT_SETTINGS) -> Person:
     """Returns the person in the rest pose of an environment's task."""
-    task, _ = task_and_scene(environment, settings)
-    return replace(person, joint_angles_rad=task.pose.rest_rad)
+    task, _ = find_task_and_scene(environment, settings)
+    return replace(person, joint_angles_rad=task.pose_distribution.rest_angles_rad)
 
 
 def _key(trial: int, person: Person) -> WorldKey:

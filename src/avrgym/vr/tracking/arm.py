@@ -24,13 +24,14 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.rotation_matrices import from_euler_xyz
 from avrgym.models import human
-from avrgym.models.human import JOINT_INDEX, LOWER_LIMITS_RAD, PROPORTIONS, UPPER_LIMITS_RAD, Person
+from avrgym.models.human import BODY_DIMENSIONS, JOINT_INDEX, LOWER_LIMITS_RAD, UPPER_LIMITS_RAD, Person
 
 ARM_JOINTS = ("shoulder_y", "shoulder_x", "shoulder_z", "elbow_x", "forearm_z", "wrist_x", "wrist_y")
 _RIGHT = [JOINT_INDEX[f"right_{part}"] for part in ARM_JOINTS]
-ARM_LOWER_RAD, ARM_UPPER_RAD = LOWER_LIMITS_RAD[_RIGHT], UPPER_LIMITS_RAD[_RIGHT]
+ARM_LOWER_LIMITS_RAD, ARM_UPPER_LIMITS_RAD = LOWER_LIMITS_RAD[_RIGHT], UPPER_LIMITS_RAD[_RIGHT]
 _FIRST, _LAST = (
-    extreme(ARM_LOWER_RAD + np.pi, ARM_UPPER_RAD - np.pi) for extreme in (np.minimum, np.maximum)
+    extreme(ARM_LOWER_LIMITS_RAD + np.pi, ARM_UPPER_LIMITS_RAD - np.pi)
+    for extreme in (np.minimum, np.maximum)
 )
 """Bounds (7,) of the centre of the interval to which an angle is reduced, centre ± π. The interval is in the joint's
 range or contains it."""
@@ -48,12 +49,17 @@ SINGULARITY_ANGLE_RAD = 0.006
 direction. For an arm of 0.5 m, the position error is at most 3 mm."""
 SWIVEL_STEP_RAD = np.radians(5.0)
 
-OUT_OF_RANGE_COST, MOTION_COST = 1500.0, 1.0
+OUT_OF_RANGE_COST_WEIGHT, MOTION_COST_WEIGHT = 1500.0, 1.0
 """Costs of a swivel angle per squared radian: outside a joint's range, and difference from the current joint angles."""
-SHOULDER_Y_COST, SHOULDER_Z_COST, FOREARM_COST, WRIST_COST = 0.006, 0.012, 0.006, 0.012
+SHOULDER_Y_COMFORT_WEIGHT, SHOULDER_Z_COMFORT_WEIGHT, FOREARM_COMFORT_WEIGHT, WRIST_COMFORT_WEIGHT = (
+    0.006,
+    0.012,
+    0.006,
+    0.012,
+)
 """Costs per squared radian from the comfortable angles of these joints. With small costs, elbows drift slowly and do
 not jump. All costs are tuned on poses of free movement."""
-RAISED_ELBOW_COST = 0.025
+RAISED_ELBOW_COST_WEIGHT = 0.025
 """Half of the cost difference between an elbow opposite to its rest direction and an elbow at rest."""
 ELBOW_REST_DIRECTION = transforms.normalize([-0.26, -0.1, -1.0])
 """The direction from the shoulder to an elbow at rest: down, slightly outwards and forwards."""
@@ -66,14 +72,16 @@ class ArmLengths:
 
     upper_arm_m: float
     forearm_m: float
-    hand_m: float
+    wrist_to_hand_length_m: float
 
     @classmethod
     def from_person(cls, person: Person) -> "ArmLengths":
         """Returns the lengths of a person's arm in metres."""
-        p = PROPORTIONS[person.sex]
-        scale = person.arm_scale * (person.torso_height_m / p.torso_height)
-        return cls(p.upper_arm_length * scale, p.forearm_radius + p.forearm_length * scale, p.hand_radius)
+        p = BODY_DIMENSIONS[person.sex]
+        scale = person.arm_scale * (person.torso_height_m / p.torso_height_m)
+        return cls(
+            p.upper_arm_length_m * scale, p.forearm_radius_m + p.forearm_length_m * scale, p.hand_radius_m
+        )
 
 
 class ArmSolver:
@@ -81,10 +89,10 @@ class ArmSolver:
 
     def __init__(self, person: Person) -> None:
         self._lengths = ArmLengths.from_person(person)
-        self._model = human.person_model(person, moving=True)
+        self._model = human.compile_person_model(person, moving=True)
         self._data = mujoco.MjData(self._model)
-        self._shoulder = self._model.body(f"{human.PREFIX}right_upper_arm").id
-        self._hand = self._model.site(f"{human.PREFIX}right_hand_centre").id
+        self._shoulder = self._model.body(f"{human.PERSON_NAME_PREFIX}right_upper_arm").id
+        self._hand = self._model.site(f"{human.PERSON_NAME_PREFIX}right_hand_centre").id
         self._jacobian = np.zeros((6, self._model.nv))
 
     def solve(
@@ -103,13 +111,13 @@ class ArmSolver:
             max_rotation_rad: maximum rotation of a joint from its current angle, radians.
         """
         hand_pos = _within_reach(self._lengths, hand_pos, hand_axes)
-        aim = comfortable_angles(self._lengths, hand_pos, hand_axes, start_rad)
+        aim = solve_comfortable_angles(self._lengths, hand_pos, hand_axes, start_rad)
         lower, upper = (
-            np.maximum(ARM_LOWER_RAD, start_rad - max_rotation_rad),
-            np.minimum(ARM_UPPER_RAD, start_rad + max_rotation_rad),
+            np.maximum(ARM_LOWER_LIMITS_RAD, start_rad - max_rotation_rad),
+            np.minimum(ARM_UPPER_LIMITS_RAD, start_rad + max_rotation_rad),
         )
         angles = _clipped(aim, lower, upper)
-        way = np.abs(_clipped(aim, ARM_LOWER_RAD, ARM_UPPER_RAD) - start_rad).max(axis=1)
+        way = np.abs(_clipped(aim, ARM_LOWER_LIMITS_RAD, ARM_UPPER_LIMITS_RAD) - start_rad).max(axis=1)
         short = (way < MAX_ACCURATE_ROTATION_RAD) & (
             np.abs(angles - aim).max(axis=1) > CLIPPING_TOLERANCE_RAD
         )
@@ -164,7 +172,7 @@ def _turn(from_axes: FloatArray, target_axes: FloatArray) -> FloatArray:
 def _within_reach(lengths: ArmLengths, hand_pos: FloatArray, hand_axes: FloatArray) -> FloatArray:
     """Returns the hands' centres (A, 3) in metres. Centres out of reach are moved along the line from shoulder to
     wrist."""
-    to_wrist = lengths.hand_m * hand_axes[:, :, 2]
+    to_wrist = lengths.wrist_to_hand_length_m * hand_axes[:, :, 2]
     wrist = hand_pos + to_wrist
     distance_m = np.maximum(transforms.norm(wrist), 1e-6)
     upper, fore = lengths.upper_arm_m, lengths.forearm_m
@@ -173,10 +181,10 @@ def _within_reach(lengths: ArmLengths, hand_pos: FloatArray, hand_axes: FloatArr
     return wrist * (within_m / distance_m)[:, None] - to_wrist
 
 
-_COS_MOST_BENT = cos(ARM_LOWER_RAD[ARM_JOINTS.index("elbow_x")])
+_COS_MOST_BENT = cos(ARM_LOWER_LIMITS_RAD[ARM_JOINTS.index("elbow_x")])
 
 
-def comfortable_angles(
+def solve_comfortable_angles(
     lengths: ArmLengths, hand_pos: FloatArray, hand_axes: FloatArray, start_rad: FloatArray
 ) -> FloatArray:
     """Returns the most comfortable joint angles (A, 7), in radians, that bring hands to poses within reach.
@@ -185,7 +193,7 @@ def comfortable_angles(
     Several arms need little more computing time than one arm.
     """
     elbow, coefficients = _swivelling(
-        lengths, hand_pos + lengths.hand_m * hand_axes[:, :, 2], hand_axes, start_rad
+        lengths, hand_pos + lengths.wrist_to_hand_length_m * hand_axes[:, :, 2], hand_axes, start_rad
     )
     entries = coefficients @ _SWIVELS
     costs = _costs(_solutions(entries, elbow, start_rad), entries[:, -1], start_rad)
@@ -337,17 +345,30 @@ def _costs(angles: FloatArray, rests: FloatArray, start_rad: FloatArray) -> Floa
     squared difference from its comfortable angle. Except for a constant and a factor, the sum is the squared difference
     from the weighted mean of both angles.
     """
-    outside = angles - _clipped(angles, _per_arm(ARM_LOWER_RAD[None]), _per_arm(ARM_UPPER_RAD[None]))
+    outside = angles - _clipped(
+        angles, _per_arm(ARM_LOWER_LIMITS_RAD[None]), _per_arm(ARM_UPPER_LIMITS_RAD[None])
+    )
     away = angles - _per_arm(
-        (MOTION_COST * start_rad + COMFORT_COSTS * COMFORTABLE_ANGLES_RAD) / (MOTION_COST + COMFORT_COSTS)
+        (MOTION_COST_WEIGHT * start_rad + COMFORT_COST_WEIGHTS * COMFORTABLE_ANGLES_RAD)
+        / (MOTION_COST_WEIGHT + COMFORT_COST_WEIGHTS)
     )
-    squares = OUT_OF_RANGE_COST * (outside * outside) + _per_arm((MOTION_COST + COMFORT_COSTS)[None]) * (
-        away * away
-    )
-    return squares.sum(axis=0).transpose(1, 0, 2) + RAISED_ELBOW_COST * rests[:, None]
+    squares = OUT_OF_RANGE_COST_WEIGHT * (outside * outside) + _per_arm(
+        (MOTION_COST_WEIGHT + COMFORT_COST_WEIGHTS)[None]
+    ) * (away * away)
+    return squares.sum(axis=0).transpose(1, 0, 2) + RAISED_ELBOW_COST_WEIGHT * rests[:, None]
 
 
-COMFORT_COSTS = np.array([SHOULDER_Y_COST, 0.0, SHOULDER_Z_COST, 0.0, FOREARM_COST, WRIST_COST, WRIST_COST])
+COMFORT_COST_WEIGHTS = np.array(
+    [
+        SHOULDER_Y_COMFORT_WEIGHT,
+        0.0,
+        SHOULDER_Z_COMFORT_WEIGHT,
+        0.0,
+        FOREARM_COMFORT_WEIGHT,
+        WRIST_COMFORT_WEIGHT,
+        WRIST_COMFORT_WEIGHT,
+    ]
+)
 
 
 def _vertex(costs: FloatArray, lowest: int) -> float:

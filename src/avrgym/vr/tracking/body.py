@@ -10,10 +10,10 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry.rotation_matrices import from_euler_xyz, from_quaternion, to_euler_xyz
 from avrgym.models import human
 from avrgym.models.human import (
+    BODY_DIMENSIONS,
     JOINT_INDEX,
     LOWER_LIMITS_RAD,
-    PROPORTIONS,
-    SEATED,
+    SEATED_POSTURE,
     UPPER_LIMITS_RAD,
     Person,
     Posture,
@@ -23,7 +23,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.arm import ARM_JOINTS, MAX_TICK_ROTATION_RAD, ArmLengths, ArmSolver
 
-WAIST_YAW_SHARE = 0.3
+WAIST_YAW_FRACTION = 0.3
 """Share of the head's yaw that the waist performs (paper, section III)."""
 
 WAIST_JOINT_INDICES = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
@@ -41,28 +41,30 @@ ARM_JOINT_INDICES = {
 class BodyPose:
     """The poses of the participant's head and hands; an untracked hand is ``None``."""
 
-    head: Pose
+    head_pose: Pose
     left: Pose | None
     right: Pose | None
 
 
-def resting_head_centre(person: Person, posture: Posture) -> FloatArray:
+def compute_resting_head_centre(person: Person, posture: Posture) -> FloatArray:
     """Returns the head's centre (3,) at rest, in metres in the world frame.
 
     The person sits upright, or lies with the back on the bed.
     """
-    pos_w, axes_w = hips_frame(person, posture)
+    pos_w, axes_w = compute_hips_frame(person, posture)
     return pos_w + person.torso_height_m * axes_w[:, 2]
 
 
-def hips_frame(person: Person, posture: Posture) -> tuple[FloatArray, FloatArray]:
+def compute_hips_frame(person: Person, posture: Posture) -> tuple[FloatArray, FloatArray]:
     """Returns the frame of the hips in the world: their origin (3,) and their axes (3, 3) as columns."""
     return _hips_frame(person.sex, posture)
 
 
-def skeleton(person: Person, posture: Posture) -> messages.Skeleton:
+def make_skeleton(person: Person, posture: Posture) -> messages.Skeleton:
     """Returns the body dimensions with which a client computes the same inverse kinematics as ``BodySolver``."""
-    frames = human.body_layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]), posture)
+    frames = human.compute_body_layout(
+        np.array([person.sex == "woman"]), np.array([person.torso_height_m]), posture
+    )
     lengths = ArmLengths.from_person(person)
     hips, waist, neck, shoulder = (
         (float(x), float(y), float(z))
@@ -78,16 +80,18 @@ def skeleton(person: Person, posture: Posture) -> messages.Skeleton:
         right_shoulder=shoulder,
         upper_arm_m=lengths.upper_arm_m,
         forearm_m=lengths.forearm_m,
-        hand_m=lengths.hand_m,
+        hand_m=lengths.wrist_to_hand_length_m,
     )
 
 
 @lru_cache
 def _hips_frame(sex: Sex, posture: Posture) -> tuple[FloatArray, FloatArray]:
-    return posture.hips_origin(PROPORTIONS[sex]), from_euler_xyz(radians(posture.hips_deg), 0.0, 0.0)
+    return posture.compute_hips_origin(BODY_DIMENSIONS[sex]), from_euler_xyz(
+        radians(posture.hips_deg), 0.0, 0.0
+    )
 
 
-def solve_torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> FloatArray:
+def solve_torso_angles(person: Person, head: Pose, posture: Posture = SEATED_POSTURE) -> FloatArray:
     """Returns joint angles (6,) in radians that bring the head to its pose: waist x, y, z, head x, y, z.
 
     All angles are within the joint ranges.
@@ -101,17 +105,17 @@ def solve_torso_angles(person: Person, head: Pose, posture: Posture = SEATED) ->
     The torso is rigid between waist and head joints. The head's position error is therefore the difference between the
     torso's length and the tracked distance. No other angles with this head direction have a smaller error.
     """
-    p = PROPORTIONS[person.sex]
-    scale = person.torso_height_m / p.torso_height
-    hips_w, hips_axes_w = hips_frame(person, posture)
+    p = BODY_DIMENSIONS[person.sex]
+    scale = person.torso_height_m / p.torso_height_m
+    hips_w, hips_axes_w = compute_hips_frame(person, posture)
     head_axes = hips_axes_w.T @ from_quaternion(head.q_w)
-    psi = hips_axes_w.T @ (head.pos_w - hips_w) - p.head_centre_offset_z * scale * head_axes[:, 2]
+    psi = hips_axes_w.T @ (head.pos_w - hips_w) - p.head_centre_offset_z_m * scale * head_axes[:, 2]
     x, y, z = psi.tolist()
-    z -= p.waist_offset_z * scale
+    z -= p.waist_offset_z_m * scale
     a = -atan2(y, z)
     b = atan2(x * cos(a), z)
     a, b, _ = _limited(WAIST_RANGES_RAD, (a, b, 0.0))
-    yaw = WAIST_YAW_SHARE * to_euler_xyz(from_euler_xyz(a, b, 0.0).T @ head_axes)[2]
+    yaw = WAIST_YAW_FRACTION * to_euler_xyz(from_euler_xyz(a, b, 0.0).T @ head_axes)[2]
     waist = _limited(WAIST_RANGES_RAD, (a, b, yaw))
     return np.array([*waist, *_limited(HEAD_RANGES_RAD, to_euler_xyz(from_euler_xyz(*waist).T @ head_axes))])
 
@@ -144,9 +148,11 @@ class BodySolver:
     Call ``solve`` with every tracking frame. The result depends only on the arguments (stateless).
     """
 
-    def __init__(self, person: Person, posture: Posture = SEATED) -> None:
+    def __init__(self, person: Person, posture: Posture = SEATED_POSTURE) -> None:
         self.person, self.posture = person, posture
-        frames = human.body_layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]))
+        frames = human.compute_body_layout(
+            np.array([person.sex == "woman"]), np.array([person.torso_height_m])
+        )
         self._waist_h, self._shoulder_t = frames.body_pos["torso"][0], frames.body_pos["right_upper_arm"][0]
         self._arm = ArmSolver(person)
         self._known: tuple[BodyPose, _Aim] | None = None
@@ -174,7 +180,7 @@ class BodySolver:
 
     def _aim(self, pose: BodyPose) -> _Aim:
         """Returns the targets for a pose. A left hand is treated as the right hand of the mirrored person."""
-        torso_rad = solve_torso_angles(self.person, pose.head, self.posture)
+        torso_rad = solve_torso_angles(self.person, pose.head_pose, self.posture)
         waist_w, torso_axes_w = self._torso_frame(torso_rad[:3])
         hands = {
             side: hand for side, hand in (("right", pose.right), ("left", pose.left)) if hand is not None
@@ -193,7 +199,7 @@ class BodySolver:
     def _torso_frame(self, waist_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the position (3,) of the waist in metres and the torso's axes (3, 3) as columns, in the world
         frame."""
-        hips_w, hips_axes_w = hips_frame(self.person, self.posture)
+        hips_w, hips_axes_w = compute_hips_frame(self.person, self.posture)
         return hips_w + hips_axes_w @ self._waist_h, hips_axes_w @ from_euler_xyz(*waist_rad.tolist())
 
 
@@ -202,7 +208,7 @@ _REFLECT = {"right": (1.0, 1.0, 1.0), "left": (-1.0, 1.0, 1.0)}
 _ABOUT_X = np.array([part.endswith("x") for part in ARM_JOINTS])
 """Boolean mask (7,) of an arm's joints: angles with the same sign in the mirrored arm."""
 
-RELAXED_ANGLES_RAD = human.seated_joint_angles(
+RELAXED_JOINT_ANGLES_RAD = human.make_seated_joint_angles(
     right_shoulder_x=-15.0, left_shoulder_x=-15.0, right_shoulder_y=8.0, left_shoulder_y=-8.0
 )
 """Joint angles (20,) in radians with arms that hang slightly forwards and outwards, with bent elbows."""

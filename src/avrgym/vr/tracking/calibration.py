@@ -20,13 +20,13 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry.rotation_matrices import from_euler_xyz, from_quaternion
 from avrgym.models import human
 from avrgym.models.furniture.real_furniture import RealFurniture
-from avrgym.models.human import PROPORTIONS, Person, Posture, Sex
+from avrgym.models.human import BODY_DIMENSIONS, Person, Posture, Sex
 from avrgym.models.human.person import check_arm_scale
 from avrgym.texts.interface_texts import ParticipantActionError, ParticipantText
 from avrgym.vr.protocol.messages import XRPose
-from avrgym.vr.protocol.webxr import Pose, Registration, head_pose
+from avrgym.vr.protocol.webxr import Pose, Registration, compute_head_pose
 from avrgym.vr.tracking.arm import ArmLengths
-from avrgym.vr.tracking.body import BodyPose, hips_frame, skeleton, solve_torso_angles
+from avrgym.vr.tracking.body import BodyPose, compute_hips_frame, make_skeleton, solve_torso_angles
 
 
 def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: RealFurniture) -> float:
@@ -41,15 +41,15 @@ def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: Re
     Raises:
         TextError: for a height outside the range of adults. The message contains the range.
     """
-    height_m = float(head_pose(Registration(np.zeros(3), 0.0), head).pos_w[2])
-    hips_m = posture.hips_origin(PROPORTIONS[sex])[2] + furniture.height_offset_m(posture)
-    hips_m += furniture.head_rise_m(posture)
-    upright = sin(radians(furniture.backrest_deg(posture)))
+    height_m = float(compute_head_pose(Registration(np.zeros(3), 0.0), head).pos_w[2])
+    hips_m = posture.compute_hips_origin(BODY_DIMENSIONS[sex])[2] + furniture.compute_height_offset_m(posture)
+    hips_m += furniture.compute_head_rise_m(posture)
+    upright = sin(radians(furniture.get_backrest_angle_deg(posture)))
     low, high = (hips_m + upright * limit for limit in human.TORSO_HEIGHT_RANGE_M)
     if not low <= height_m <= high:
         key, rests_m = (
             ("wrong_height_seated", furniture.seat_height_m)
-            if posture.seated
+            if posture.is_seated
             else ("wrong_height_lying", furniture.mattress_height_m)
         )
         heights = {"height_m": height_m, "low_m": low, "high_m": high}
@@ -58,11 +58,13 @@ def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: Re
     return float((height_m - hips_m) / upright)
 
 
-def arm_length_m(person: Person, posture: Posture, pose: BodyPose) -> float | None:
+def measure_arm_length_m(person: Person, posture: Posture, pose: BodyPose) -> float | None:
     """Returns the distance in metres of the farther wrist from its shoulder; ``None`` without a tracked hand."""
-    measures = skeleton(person, posture)
-    hips_w, hips_axes_w = hips_frame(person, posture)
-    torso_axes_w = hips_axes_w @ from_euler_xyz(*solve_torso_angles(person, pose.head, posture)[:3].tolist())
+    measures = make_skeleton(person, posture)
+    hips_w, hips_axes_w = compute_hips_frame(person, posture)
+    torso_axes_w = hips_axes_w @ from_euler_xyz(
+        *solve_torso_angles(person, pose.head_pose, posture)[:3].tolist()
+    )
     waist_w = hips_w + hips_axes_w @ np.array(measures.waist)
     far_m = [
         float(np.linalg.norm(_wrist_w(hand, measures.hand_m) - waist_w - torso_axes_w @ (side * shoulder)))
@@ -87,7 +89,7 @@ def measure_arm_scale(person: Person, reached_m: Sequence[float]) -> float:
         ValueError: for arms outside the range of adults, or a missing pose. The message contains the allowed values.
     """
     most = ArmLengths.from_person(replace(person, arm_scale=1.0))
-    fixed_m = PROPORTIONS[person.sex].forearm_radius
+    fixed_m = BODY_DIMENSIONS[person.sex].forearm_radius_m
     scale = (fmean(reached_m) - fixed_m) / (most.upper_arm_m + most.forearm_m - fixed_m)
     check_arm_scale(scale)
     return scale

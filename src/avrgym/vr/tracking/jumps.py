@@ -9,10 +9,10 @@ from math import acos, dist, hypot
 import msgspec
 
 from avrgym.models.body_names import TRACKED_BODY_PARTS, TrackedBodyPart
-from avrgym.vr.protocol.messages import TICK_S, Tracking, XRPose
-from avrgym.vr.tracking.freshness import is_moved_by_mouse
+from avrgym.vr.protocol.messages import TICK_S, TrackingFrameMessage, XRPose
+from avrgym.vr.tracking.pose_freshness import is_moved_by_mouse
 
-MAX_SPEED_M_S, MAX_SPEED_RAD_S = 10.0, 30.0
+MAX_LINEAR_SPEED_M_S, MAX_ANGULAR_SPEED_RAD_S = 10.0, 30.0
 """Maximum speeds of head and hands. People who receive assistance move more slowly."""
 JUMP_RECOVERY_S = 0.1
 """Time in seconds without a jump after which tracked poses are valid again."""
@@ -22,12 +22,12 @@ RETURN_SPEED_FRACTION = 0.025
 """Share of the maximum speeds with which the body returns to the tracked pose: 0.25 m/s, 0.75 rad/s."""
 
 
-def min_travel_time_s(one: XRPose, other: XRPose) -> float:
+def compute_min_travel_time_s(one: XRPose, other: XRPose) -> float:
     """Returns the minimum duration in seconds of a motion between two poses, at the maximum speeds."""
     turned = abs(sum(a * b for a, b in zip(one.orientation, other.orientation, strict=True)))
     cosine = turned / (hypot(*one.orientation) * hypot(*other.orientation))
     angle_rad = 2.0 * acos(min(cosine, 1.0))
-    return max(dist(one.position, other.position) / MAX_SPEED_M_S, angle_rad / MAX_SPEED_RAD_S)
+    return max(dist(one.position, other.position) / MAX_LINEAR_SPEED_M_S, angle_rad / MAX_ANGULAR_SPEED_RAD_S)
 
 
 def interpolate_poses(one: XRPose, other: XRPose, share: float) -> XRPose:
@@ -43,10 +43,12 @@ def interpolate_poses(one: XRPose, other: XRPose, share: float) -> XRPose:
 
 
 class PoseFilter:
-    """Filters the pose of the head or a hand. ``deviates``: whether the filtered pose differs from the tracked pose."""
+    """Filters the pose of the head or a hand. ``is_deviating``: whether the filtered pose differs from the tracked
+    pose.
+    """
 
     def __init__(self) -> None:
-        self.deviates = False
+        self.is_deviating = False
         self._tracked: XRPose | None = None
         self._followed: XRPose | None = None
         self._captured_s = self._measured_s = self._valid_from_s = 0.0
@@ -59,27 +61,29 @@ class PoseFilter:
         measured = may_repeat or tracked != self._tracked
         if self._tracked is not None:
             passed_s = captured_s - self._captured_s
-            jumped = min_travel_time_s(self._tracked, tracked) > passed_s + ROUNDING_TOLERANCE_S
+            jumped = compute_min_travel_time_s(self._tracked, tracked) > passed_s + ROUNDING_TOLERANCE_S
             absent = measured and captured_s - self._measured_s > MAX_UNTRACKED_DURATION_S
             self._valid_from_s = now_s + JUMP_RECOVERY_S if jumped else self._valid_from_s
-            self.deviates = self.deviates or jumped or absent
+            self.is_deviating = self.is_deviating or jumped or absent
         self._tracked, self._captured_s = tracked, captured_s
         self._measured_s = captured_s if measured else self._measured_s
 
-    def filtered_pose(self, now_s: float) -> XRPose:
+    def compute_filtered_pose(self, now_s: float) -> XRPose:
         """Returns the filtered pose for this tick. Call it once per tick, after the first frame."""
         assert self._tracked is not None
-        if self._followed is None or not self.deviates:
+        if self._followed is None or not self.is_deviating:
             self._followed = self._tracked
         elif now_s >= self._valid_from_s:
             share = (
                 RETURN_SPEED_FRACTION
                 * TICK_S
-                / max(min_travel_time_s(self._followed, self._tracked), ROUNDING_TOLERANCE_S)
+                / max(compute_min_travel_time_s(self._followed, self._tracked), ROUNDING_TOLERANCE_S)
             )
-            self.deviates = share < 1.0
+            self.is_deviating = share < 1.0
             self._followed = (
-                interpolate_poses(self._followed, self._tracked, share) if self.deviates else self._tracked
+                interpolate_poses(self._followed, self._tracked, share)
+                if self.is_deviating
+                else self._tracked
             )
         return self._followed
 
@@ -93,21 +97,21 @@ class PoseFilters:
     @property
     def deviating_parts(self) -> tuple[TrackedBodyPart, ...]:
         """The parts that are not at their tracked poses."""
-        return tuple(part for part, limb in self._limbs.items() if limb.deviates)
+        return tuple(part for part, limb in self._limbs.items() if limb.is_deviating)
 
-    def update(self, tracking: Tracking, captured_s: float, now_s: float) -> None:
+    def update(self, tracking: TrackingFrameMessage, captured_s: float, now_s: float) -> None:
         """Add a new frame, see ``PoseFilter.update``."""
         for part, pose in _tracked(tracking).items():
             may_repeat = is_moved_by_mouse(tracking, part)
             self._limbs[part].update(pose, captured_s, now_s, may_repeat=may_repeat)
 
-    def filtered_frame(self, tracking: Tracking, now_s: float) -> Tracking:
+    def compute_filtered_frame(self, tracking: TrackingFrameMessage, now_s: float) -> TrackingFrameMessage:
         """Returns the newest frame, with its poses replaced by the filtered poses for this tick."""
-        followed = {part: self._limbs[part].filtered_pose(now_s) for part in _tracked(tracking)}
+        followed = {part: self._limbs[part].compute_filtered_pose(now_s) for part in _tracked(tracking)}
         return msgspec.structs.replace(tracking, **followed)
 
 
-def _tracked(tracking: Tracking) -> dict[TrackedBodyPart, XRPose]:
+def _tracked(tracking: TrackingFrameMessage) -> dict[TrackedBodyPart, XRPose]:
     poses: tuple[tuple[TrackedBodyPart, XRPose | None], ...] = (
         ("head", tracking.head),
         ("left", tracking.left),

@@ -15,9 +15,14 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry.rotation_matrices import from_euler_xyz, from_quaternion
 from avrgym.models.human import Person, Posture
 from avrgym.vr.protocol.webxr import Pose
-from avrgym.vr.tracking.body import HEAD_JOINT_INDICES, WAIST_JOINT_INDICES, resting_head_centre, skeleton
+from avrgym.vr.tracking.body import (
+    HEAD_JOINT_INDICES,
+    WAIST_JOINT_INDICES,
+    compute_resting_head_centre,
+    make_skeleton,
+)
 
-SAMPLE_INTERVAL_TICKS = 10
+HEAD_SAMPLE_INTERVAL_TICKS = 10
 SAMPLES_PER_WINDOW = 11
 """Number of samples in one second, including both ends."""
 STEADY_HEAD_RANGE_M = 0.03
@@ -44,12 +49,12 @@ class SlidingMonitor:
     """Monitors the position of the head at rest, to detect that the participant has slid on the seat."""
 
     def __init__(self, person: Person, posture: Posture) -> None:
-        measures = skeleton(person, posture)
+        measures = make_skeleton(person, posture)
         w, x, y, z = measures.hips_q_w
         self._hips_axes_w = from_quaternion(np.array([w, x, y, z]))
         self._waist_w = np.array(measures.hips_pos_w) + self._hips_axes_w @ np.array(measures.waist)
         self._neck_t, self._head_centre_m = np.array(measures.neck), measures.head_centre_m
-        self._rest_w = resting_head_centre(person, posture)
+        self._rest_w = compute_resting_head_centre(person, posture)
         self._seen: deque[FloatArray] = deque(maxlen=SAMPLES_PER_WINDOW)
 
     def update(self, head: Pose, joint_angles_rad: FloatArray) -> SeatMotion | None:
@@ -63,7 +68,7 @@ class SlidingMonitor:
             or np.ptp(np.array(self._seen), axis=0).max() > STEADY_HEAD_RANGE_M
         ):
             return None
-        error_m = float(np.linalg.norm(head.pos_w - self.head_centre_w(joint_angles_rad)))
+        error_m = float(np.linalg.norm(head.pos_w - self.compute_head_centre_w(joint_angles_rad)))
         if error_m <= SLIDING_THRESHOLD_M or head.pos_w[2] - self._rest_w[2] > MAX_HEAD_RISE_M:
             return None
         return self._glide(head)
@@ -72,7 +77,7 @@ class SlidingMonitor:
         """Delete all samples of the head's position."""
         self._seen.clear()
 
-    def head_centre_w(self, joint_angles_rad: FloatArray) -> FloatArray:
+    def compute_head_centre_w(self, joint_angles_rad: FloatArray) -> FloatArray:
         """Returns the head's centre (3,), in metres in the world frame, for joint angles (20,) in radians."""
         waist, head = (
             joint_angles_rad[WAIST_JOINT_INDICES].tolist(),

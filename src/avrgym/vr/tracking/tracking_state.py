@@ -8,18 +8,18 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.models.body_names import ARMS, TRACKED_BODY_PARTS, Side, TrackedBodyPart
+from avrgym.models.body_names import PERSON_ARM_SIDES, TRACKED_BODY_PARTS, Side, TrackedBodyPart
 from avrgym.models.furniture.real_furniture import DEFAULT_FURNITURE, RealFurniture
-from avrgym.models.human import SEATED, Person, Posture
+from avrgym.models.human import SEATED_POSTURE, Person, Posture
 from avrgym.recording.input_profile import DEFAULT_INPUT_PROFILE, InputProfile
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, XRPose
-from avrgym.vr.protocol.webxr import Registration, head_pose, registration_from_head
-from avrgym.vr.tracking.body import BodyPose, resting_head_centre
-from avrgym.vr.tracking.frames import ReceivedFrame, TrackingFeed, body_pose
+from avrgym.vr.protocol.webxr import Registration, compute_head_pose, compute_registration
+from avrgym.vr.tracking.body import BodyPose, compute_resting_head_centre
+from avrgym.vr.tracking.hand_device_switches import HandDevices
 from avrgym.vr.tracking.jumps import PoseFilters
-from avrgym.vr.tracking.sliding import SAMPLE_INTERVAL_TICKS, SeatMotion, SlidingMonitor
-from avrgym.vr.tracking.switches import HandDevices
+from avrgym.vr.tracking.sliding import HEAD_SAMPLE_INTERVAL_TICKS, SeatMotion, SlidingMonitor
+from avrgym.vr.tracking.tracking_frames import ReceivedFrame, TrackingFeed, compute_body_pose
 
 
 @dataclass(frozen=True)
@@ -29,19 +29,19 @@ class TrackingUpdate:
     ``arrived_frames``: the frames that arrived since the previous tick. ``newest_frame``: the newest usable frame;
     ``None`` before the first frame, and while this frame is stale. ``is_stale``: whether the newest frame is stale.
     ``deviating_parts``: parts of the body that are not at their tracked poses after a jump. ``untracked_parts``: all
-    parts with stale poses. ``lost_parts``: the parts among them that the task needs. ``deviating_parts_before`` and
-    ``lost_parts_before``: the values of the previous tick. ``target_pose``: the target pose of the body; ``None`` if
-    the body does not follow.
+    parts with stale poses. ``untracked_needed_parts``: the parts among them that the task needs.
+    ``previous_deviating_parts`` and ``previous_untracked_needed_parts``: the values of the previous tick.
+    ``target_pose``: the target pose of the body; ``None`` if the body does not follow.
     """
 
     arrived_frames: Sequence[ReceivedFrame]
     newest_frame: ReceivedFrame | None = None
     is_stale: bool = False
     deviating_parts: tuple[TrackedBodyPart, ...] = ()
-    deviating_parts_before: tuple[TrackedBodyPart, ...] = ()
+    previous_deviating_parts: tuple[TrackedBodyPart, ...] = ()
     untracked_parts: tuple[TrackedBodyPart, ...] = ()
-    lost_parts: tuple[TrackedBodyPart, ...] = ()
-    lost_parts_before: tuple[TrackedBodyPart, ...] = ()
+    untracked_needed_parts: tuple[TrackedBodyPart, ...] = ()
+    previous_untracked_needed_parts: tuple[TrackedBodyPart, ...] = ()
     target_pose: BodyPose | None = None
 
 
@@ -49,26 +49,26 @@ class TrackingState:
     """The tracking of a participant, from entering VR until leaving it.
 
     ``registration``: the pose of the participant's floor in the world, if known. ``untracked_parts``: parts of the body
-    with stale poses in the latest tick. ``lost_parts``: the parts among them that the task needs.
+    with stale poses in the latest tick. ``untracked_needed_parts``: the parts among them that the task needs.
     """
 
     def __init__(self) -> None:
         self.registration: Registration | None = None
         self._followed: ReceivedFrame | None = None
-        self._tracked: messages.Tracking | None = None
+        self._tracked: messages.TrackingFrameMessage | None = None
         self._hands, self._limbs = HandDevices(), PoseFilters()
         self.untracked_parts: tuple[TrackedBodyPart, ...] = ()
-        self.lost_parts: tuple[TrackedBodyPart, ...] = ()
+        self.untracked_needed_parts: tuple[TrackedBodyPart, ...] = ()
         self._feed = TrackingFeed()
         self._pose: BodyPose | None = None
         self._resting: XRPose | None = None
         self._ignored: frozenset[Side] = frozenset()
-        self._posture, self._forward_m = SEATED, 0.0
+        self._posture, self._forward_m = SEATED_POSTURE, 0.0
         self._sliding: SlidingMonitor | None = None
         self._ticks = 0
         self._glide: SeatMotion | None = None
 
-    def add_frame(self, tracking: messages.Tracking, now_s: float) -> ReceivedFrame:
+    def add_frame(self, tracking: messages.TrackingFrameMessage, now_s: float) -> ReceivedFrame:
         """Add a frame that arrives now. Returns the frame with its times, and whether it is usable."""
         return self._feed.add(tracking, now_s)
 
@@ -76,17 +76,17 @@ class TrackingState:
         """Returns the frames that arrived since the last call, and clears them."""
         return self._feed.pop_arrived_frames()
 
-    def newest_frame_age_s(self, now_s: float) -> float | None:
+    def compute_newest_frame_age_s(self, now_s: float) -> float | None:
         """Returns the age of the newest usable frame in seconds; ``None`` before the first usable frame."""
         newest = self._feed.newest_frame
         return None if newest is None else now_s - newest.received_s
 
-    def part_pose_age_s(self, part: TrackedBodyPart, now_s: float) -> float:
+    def compute_part_pose_age_s(self, part: TrackedBodyPart, now_s: float) -> float:
         """Returns the time in seconds since a part's latest measurement; infinite without a measurement."""
-        return self._feed.measurement_times.pose_age_s(part, now_s)
+        return self._feed.measurement_times.compute_pose_age_s(part, now_s)
 
     @property
-    def applied_sequence(self) -> int:
+    def applied_sequence_number(self) -> int:
         """The sequence number of the newest tracking frame that moved the body; −1 before the first."""
         return -1 if self._followed is None else self._followed.tracking.sequence
 
@@ -116,14 +116,14 @@ class TrackingState:
         If the real ``furniture`` has a headrest, the head is in front of its usual place on the virtual seat.
         """
         self._resting, self._posture = head, posture
-        self._forward_m = furniture.head_forward_m(posture)
+        self._forward_m = furniture.compute_head_forward_offset_m(posture)
         self.update_location(person)
 
     def update_location(self, person: Person) -> None:
         """Adapt the registration to a person with another torso height. The seat does not move in the real room."""
         if self._resting is not None:
-            centre_w = resting_head_centre(person, self._posture) - [0.0, self._forward_m, 0.0]
-            self.registration = registration_from_head(self._resting, centre_w)
+            centre_w = compute_resting_head_centre(person, self._posture) - [0.0, self._forward_m, 0.0]
+            self.registration = compute_registration(self._resting, centre_w)
             self._sliding = SlidingMonitor(person, self._posture)
             self._pose = self._glide = None
 
@@ -131,11 +131,11 @@ class TrackingState:
         """Delete the participant's position and direction. The next usable frame determines them."""
         self.registration = self._pose = self._resting = self._sliding = self._glide = None
 
-    def steady_headset_pose(self, now_s: float) -> XRPose:
-        """Returns the headset's pose at rest; see ``TrackingFeed.steady_headset_pose``."""
-        return self._feed.steady_headset_pose(now_s)
+    def find_steady_headset_pose(self, now_s: float) -> XRPose:
+        """Returns the headset's pose at rest; see ``TrackingFeed.find_steady_headset_pose``."""
+        return self._feed.find_steady_headset_pose(now_s)
 
-    def controller_position(self, now_s: float) -> tuple[float, float, float] | None:
+    def find_controller_position(self, now_s: float) -> tuple[float, float, float] | None:
         """Returns the position of a tracked controller in metres in ``local-floor``; ``None`` if no controller is
         tracked.
 
@@ -160,10 +160,10 @@ class TrackingState:
         arrived, deviating_parts_before, lost_before = (
             self._feed.pop_arrived_frames(),
             self._limbs.deviating_parts,
-            self.lost_parts,
+            self.untracked_needed_parts,
         )
-        self.untracked_parts = self._feed.measurement_times.stale_parts(now_s)
-        self.lost_parts = tuple(part for part in self.untracked_parts if part in needed)
+        self.untracked_parts = self._feed.measurement_times.find_stale_parts(now_s)
+        self.untracked_needed_parts = tuple(part for part in self.untracked_parts if part in needed)
         self._ignore(profile)
         if newest is not None and not silent and self.registration is not None:
             pose = self._pose_from(self.registration, newest, now_s)
@@ -176,7 +176,7 @@ class TrackingState:
             self._limbs.deviating_parts,
             deviating_parts_before,
             self.untracked_parts,
-            self.lost_parts,
+            self.untracked_needed_parts,
             lost_before,
             pose,
         )
@@ -184,7 +184,7 @@ class TrackingState:
     # Sliding on the seat -------------------------------------------------------------------------------------------
 
     @property
-    def world_motion(self) -> messages.Placed | None:
+    def world_motion(self) -> messages.WorldMotion | None:
         """Target pose and remaining time of the world's motion in the participant's room.
 
         ``None`` while the world does not move.
@@ -192,7 +192,7 @@ class TrackingState:
         if self._glide is None or self.registration is None:
             return None
         there = replace(self.registration, origin_w=self.registration.origin_w + self._glide.shift_w)
-        return messages.Placed(there.xr_from_world(), self._glide.duration_s)
+        return messages.WorldMotion(there.xr_from_world(), self._glide.duration_s)
 
     def move_seat(self, joint_angles_rad: FloatArray) -> SeatMotion | None:
         """After a participant has slid, move the seat by the distance for one tick. Call it once per tick, after
@@ -205,7 +205,7 @@ class TrackingState:
             return None
         self._ticks += 1
         if (
-            self._ticks % SAMPLE_INTERVAL_TICKS
+            self._ticks % HEAD_SAMPLE_INTERVAL_TICKS
             or self._sliding is None
             or self._followed is None
             or self._resting is None
@@ -216,7 +216,7 @@ class TrackingState:
             return None
         assert self.registration is not None
         assert self._followed.tracking.head is not None
-        head = head_pose(self.registration, self._followed.tracking.head)
+        head = compute_head_pose(self.registration, self._followed.tracking.head)
         self._glide = self._sliding.update(head, joint_angles_rad)
         return self._glide
 
@@ -238,22 +238,22 @@ class TrackingState:
         """Returns the target pose of the body. Without a new frame, deviating parts continue to their tracked poses."""
         if newest is not self._followed:
             self._followed = newest
-            self._tracked = self._hands.corrected_frame(newest.tracking, newest.captured_s)
+            self._tracked = self._hands.correct_frame(newest.tracking, newest.captured_s)
             self._limbs.update(self._tracked, newest.captured_s, now_s)
             self._pose = None
         if self._pose is None or self._limbs.deviating_parts:
             assert self._tracked is not None
-            tracked = self._limbs.filtered_frame(self._tracked, now_s)
+            tracked = self._limbs.compute_filtered_frame(self._tracked, now_s)
             if self._ignored:
                 tracked = msgspec.structs.replace(tracked, **dict.fromkeys(self._ignored))
-            self._pose = body_pose(registration, tracked)
+            self._pose = compute_body_pose(registration, tracked)
         return self._pose
 
     def _ignore(self, profile: InputProfile) -> None:
         """Store the arms with ignored tracking. ``profile`` does not use them, and they rest, are absent or
         untracked."""
         never: set[Side] = {*profile.resting_arms, *profile.absent_arms}
-        unused = frozenset(ARMS).difference(profile.tracked_arms)
+        unused = frozenset(PERSON_ARM_SIDES).difference(profile.tracked_arms)
         ignored = unused.intersection(never.union(self.untracked_parts))
         if ignored != self._ignored:
             self._ignored, self._pose = ignored, None

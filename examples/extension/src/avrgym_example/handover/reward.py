@@ -9,7 +9,7 @@ from avrgym.geometry import transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.human import People
 from avrgym.simulation.worlds import RightArmPoses, State
-from avrgym.tasks.person import force_above_limit
+from avrgym.tasks.person import zero_comfortable_forces
 from avrgym.tasks.task import StepResult
 
 HAND = 2
@@ -35,7 +35,7 @@ def init_state(people: People, uniforms: FloatArray) -> HandoverState:
 
 def palm_w(arm: RightArmPoses) -> FloatArray:
     """Centre of the right hand (N, 3); world frame."""
-    return arm.right_arm_pos_w[:, HAND] + transforms.rotate(arm.right_arm_q_w[:, HAND], PALM_M)
+    return arm.right_arm_pos_w[:, HAND] + transforms.rotate(arm.right_arm_quat_w[:, HAND], PALM_M)
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: HandoverState) -> StepResult:
@@ -45,15 +45,15 @@ def evaluate_step(state: State, action: FloatArray, task_state: HandoverState) -
     after = HandoverState(task_state.steps + within_reach)
     return StepResult(
         task_state=after,
-        terms={
+        reward_terms={
             "distance_m": distance,
             "action_squared": (action * action).sum(axis=-1),
             "within_reach": within_reach.astype(float),
-            "strong_force_n": force_above_limit(state.total_force_n),
+            "strong_force_n": zero_comfortable_forces(state.total_force_n),
         },
         distance_m=distance,
         force_on_person_n=state.total_force_n,
         success=after.steps >= HELD_STEPS,
-        events=(after.steps == HELD_STEPS) & within_reach,
-        gone=np.zeros((len(distance), 0), dtype=bool),
+        num_events=(after.steps == HELD_STEPS) & within_reach,
+        removed_particles_mask=np.zeros((len(distance), 0), dtype=bool),
     )

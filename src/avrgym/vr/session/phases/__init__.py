@@ -10,8 +10,8 @@ from avrgym.vr.session.phases.breaks import Break, BreakQuestionnaire
 from avrgym.vr.session.phases.headset_phases import (
     DroppedFrameMeasurement,
     EmergencyStopTest,
-    FeedbackTest,
     HandRangeMeasurement,
+    HapticAndAudioTest,
     HeadsetCheckResult,
     HeadsetCheckStart,
     JitterMeasurement,
@@ -21,13 +21,13 @@ from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.session.phases.setup_phases import (
     BodyCheck,
     Calibration,
+    ForwardReachMeasurement,
     LoadingBodyCheck,
     LoadingCalibration,
     LoadingTrial,
     PreferenceQuestionnaire,
-    ReachForward,
-    ReachSideways,
     ReadyConfirmation,
+    SidewaysReachMeasurement,
     StoringTrial,
     WaitingForParticipant,
 )
@@ -57,18 +57,19 @@ PhaseAtTrialStart = (
 """Phases that may follow when the next trial is due."""
 PhaseAtSessionEnd = SessionFinished | RecordingFailed
 """Phases that may follow a request to end the session. If the robot has finished, the trial is completed first."""
-PhaseAfterRobot = PhaseAtTrialStart | SessionFinished | TrialQuestionnaire
+PhaseAfterRobotFinished = PhaseAtTrialStart | SessionFinished | TrialQuestionnaire
 """Phases that may follow when the robot has finished, even if the participant has left VR."""
-PhaseAfterEntering = HeadsetCheckStart | Calibration | LoadingCalibration | PhaseAtSessionEnd
+PhaseAfterEnteringVr = HeadsetCheckStart | Calibration | LoadingCalibration | PhaseAtSessionEnd
 """Phases that may follow when the participant enters VR."""
-PhaseAfterLeaving = WaitingForParticipant | PhaseAtSessionEnd
+PhaseAfterLeavingVr = WaitingForParticipant | PhaseAtSessionEnd
 """Phases that may follow when the participant leaves VR."""
 PhaseAfterLoading = PhaseAtTrialStart | BodyCheck
 """Phases that may follow when the client shows a new world."""
 
 PHASES: tuple[type[Phase], ...] = (
     WaitingForParticipant, HeadsetCheckStart, JitterMeasurement, HandRangeMeasurement, DroppedFrameMeasurement,
-    EmergencyStopTest, FeedbackTest, HeadsetCheckResult, Calibration, ReachForward, ReachSideways, LoadingTrial,
+    EmergencyStopTest, HapticAndAudioTest, HeadsetCheckResult, Calibration, ForwardReachMeasurement,
+    SidewaysReachMeasurement, LoadingTrial,
     LoadingCalibration, LoadingBodyCheck, StoringTrial, BodyCheck, ReadyConfirmation, PreferenceQuestionnaire,
     FreeMovementBeforeTrial, Countdown, RunningTrial, RobotRetreat, FreeMovementAfterTrial, TrialQuestionnaire,
     AnswerConfirmation, Break, BreakQuestionnaire, SessionPaused, RecordingFailed, SessionFinished,
@@ -76,6 +77,6 @@ PHASES: tuple[type[Phase], ...] = (
 """All phases, in the order of a session."""
 
 
-def phase_names_with(flag: str) -> list[PhaseName]:
+def list_phase_names_with_flag(flag: str) -> list[PhaseName]:
     """Returns the names of the phases in which the attribute ``flag`` is true."""
     return list(dict.fromkeys(phase.name for phase in PHASES if getattr(phase, flag)))

@@ -14,10 +14,10 @@ from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import UNTRACKED_TEXT_KEYS, Interruption
 from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.session.questions import QuestionSequence
-from avrgym.vr.session.state import SessionState
+from avrgym.vr.session.session_state import SessionState
 
 
-def arm_text_key(key: str, state: SessionState) -> str:
+def select_arm_text_key(key: str, state: SessionState) -> str:
     """Returns the key of a text about both arms, or about the only arm that the participant uses."""
     return f"{key}_one" if len(state.participant_input.profile.tracked_arms) == 1 else key
 
@@ -25,7 +25,7 @@ def arm_text_key(key: str, state: SessionState) -> str:
 class OngoingPhase(Phase):
     """Base class of all phases except the last phase of a session."""
 
-    def enter_vr(self) -> phases.PhaseAfterEntering:
+    def enter_vr(self) -> phases.PhaseAfterEnteringVr:
         state = self.state
         state.absence_text = None
         state.abandon_attempt("interrupted")
@@ -34,19 +34,19 @@ class OngoingPhase(Phase):
         state.reset_location()
         return phases.HeadsetCheckStart(state)
 
-    def leave_vr(self) -> phases.PhaseAfterLeaving:
+    def leave_vr(self) -> phases.PhaseAfterLeavingVr:
         return self._wait_for_return(ParticipantText("waiting_left"))
 
-    def disconnect(self) -> phases.PhaseAfterLeaving:
+    def disconnect(self) -> phases.PhaseAfterLeavingVr:
         super().disconnect()
         return self._wait_for_return(ParticipantText("waiting_lost"))
 
-    def end(self) -> phases.PhaseAtSessionEnd:
+    def end_session(self) -> phases.PhaseAtSessionEnd:
         self.state.abandon_attempt("ended")
         return self._finish("ended")
 
-    def cancel(self) -> phases.PhaseAtSessionEnd:
-        return self.end()
+    def cancel_session(self) -> phases.PhaseAtSessionEnd:
+        return self.end_session()
 
     def on_storage_failure(self, error: Exception) -> phases.RecordingFailed:
         self.state.world.stop_robot()
@@ -86,17 +86,17 @@ class OngoingPhase(Phase):
         The participant must be calibrated, ready and tracked, and must see the scene.
         """
         state = self.state
-        if state.attempt_storage.completing_trial_index is not None:
+        if state.attempt_storage.unstored_trial_index is not None:
             return phases.StoringTrial(state)
         if state.absence_text is not None:
             return phases.WaitingForParticipant(state, state.absence_text)
         if state.headset_time.is_limit_reached:
             return self._finish("time_over")
-        if state.headset_time.break_is_due:
+        if state.headset_time.is_break_due:
             return phases.Break(state)
-        if state.headset_time.break_questions_due and state.plan.break_items:
+        if state.headset_time.are_break_questions_due and state.plan.break_items:
             return phases.BreakQuestionnaire(state)
-        if not state.trial_worlds.is_unused(state.trial_index, state.person):
+        if not state.trial_worlds.is_world_unused(state.trial_index, state.person):
             return phases.LoadingTrial(state)
         if state.calibrated_posture != state.world.scene_config.posture:
             return phases.Calibration(state)
@@ -118,20 +118,20 @@ class OngoingPhase(Phase):
         """End the attempt as completed and continue. If the attempt cannot be stored, the next phase reports this."""
         state = self.state
         recording_failure = state.end_attempt("completed")
-        stored = state.event_sink.has_stored_all()
-        failure = recording_failure or state.event_sink.failure
+        stored = state.event_sink.has_stored_all_events()
+        failure = recording_failure or state.event_sink.storage_error
         if failure is not None:
             return self.on_storage_failure(failure)
         if stored:
             return self._next_trial()
-        state.attempt_storage.completing_trial_index = state.next_trial_index - 1
+        state.attempt_storage.unstored_trial_index = state.next_trial_index - 1
         return phases.StoringTrial(state)
 
 
 class VrPhase(OngoingPhase):
     """Base class of phases in which the participant is in VR."""
 
-    def on_origin_reset(self) -> phases.PhaseAfterEntering:
+    def on_origin_reset(self) -> phases.PhaseAfterEnteringVr:
         return self.enter_vr()
 
 
@@ -169,27 +169,27 @@ class RobotFinishedPhase(LocatedPhase):
 
     robot_finished = True
 
-    def enter_vr(self) -> phases.PhaseAfterRobot:
+    def enter_vr(self) -> phases.PhaseAfterRobotFinished:
         self.state.absence_text = None
         self.state.reset_location()
         return self._ask()
 
-    def on_origin_reset(self) -> phases.PhaseAfterRobot:
+    def on_origin_reset(self) -> phases.PhaseAfterRobotFinished:
         return self.enter_vr()
 
-    def leave_vr(self) -> phases.PhaseAfterRobot:
+    def leave_vr(self) -> phases.PhaseAfterRobotFinished:
         return self._continue_without_participant(ParticipantText("waiting_left"))
 
-    def disconnect(self) -> phases.PhaseAfterRobot:
+    def disconnect(self) -> phases.PhaseAfterRobotFinished:
         Phase.disconnect(self)
         return self._continue_without_participant(ParticipantText("waiting_lost"))
 
-    def end(self) -> phases.PhaseAtSessionEnd:
+    def end_session(self) -> phases.PhaseAtSessionEnd:
         failure = self.state.complete_attempt()
         return self._finish("ended") if failure is None else self.on_storage_failure(failure)
 
-    def cancel(self) -> phases.PhaseAtSessionEnd:
-        return self.end()
+    def cancel_session(self) -> phases.PhaseAtSessionEnd:
+        return self.end_session()
 
     def repeat(self) -> phases.PhaseAtTrialStart | Self:
         if self.state.attempt_storage.attempt is None:
@@ -223,9 +223,9 @@ class RobotFinishedPhase(LocatedPhase):
 
     @property
     def _unanswered(self) -> list[str]:
-        return [item.id for item in self.state.plan.questionnaire_after(self.state.current_trial)]
+        return [item.id for item in self.state.plan.find_questionnaire_items(self.state.current_trial)]
 
-    def _continue_without_participant(self, why: ParticipantText) -> phases.PhaseAfterRobot:
+    def _continue_without_participant(self, why: ParticipantText) -> phases.PhaseAfterRobotFinished:
         """Close the recording. After the return, the participant answers the open questions and is calibrated again."""
         self.state.absence_text = why
         failure = self.state.complete_attempt()
@@ -234,9 +234,9 @@ class RobotFinishedPhase(LocatedPhase):
         self.state.reset_location()
         return self._ask()
 
-    def _ask(self) -> phases.PhaseAfterRobot:
+    def _ask(self) -> phases.PhaseAfterRobotFinished:
         """Start the questionnaire of the trial. Without a questionnaire, complete the trial."""
-        items = self.state.plan.questionnaire_after(self.state.current_trial)
+        items = self.state.plan.find_questionnaire_items(self.state.current_trial)
         return (
             phases.TrialQuestionnaire(self.state, QuestionSequence(items))
             if items
@@ -251,7 +251,7 @@ class QuestionnairePhase(LocatedPhase):
 
     @property
     def question(self) -> messages.Question:
-        return self._questions.current_question()
+        return self._questions.make_current_question()
 
     def go_back(self) -> Self:
         if not self._questions.go_back():
@@ -279,14 +279,14 @@ class QuestionnairePhase(LocatedPhase):
 class BetweenTrialsPhase(LocatedPhase):
     """Base class of phases between trials. The participant may start a trial or change their body."""
 
-    awaits_ready = can_recalibrate = can_choose_body = True
+    awaits_confirmation = can_recalibrate = can_choose_body = True
 
     def recalibrate(self) -> phases.Calibration | phases.LoadingCalibration:
         self.state.torso_height_known = False
         return self._calibrate_again()
 
     def choose_body(
-        self, choice: messages.ChooseBody, by: events.Initiator
+        self, choice: messages.BodyChoice, by: events.Initiator
     ) -> phases.Calibration | phases.LoadingCalibration | phases.LoadingBodyCheck | Self:
         if not self.state.choose_body(choice, by):
             return self
@@ -299,12 +299,14 @@ class BetweenTrialsPhase(LocatedPhase):
         return self._begin_trial()
 
     @property
-    def can_prefer(self) -> bool:
+    def can_change_preferences(self) -> bool:
         return bool(self.state.preference_questions)
 
     def change_preferences(self) -> phases.PreferenceQuestionnaire | Self:
         return (
-            phases.PreferenceQuestionnaire(self.state) if self.can_prefer else self._refuse("no_preferences")
+            phases.PreferenceQuestionnaire(self.state)
+            if self.can_change_preferences
+            else self._refuse("no_preferences")
         )
 
     def request_break(self, by: events.Initiator) -> phases.Break | Self:
@@ -315,7 +317,7 @@ class BetweenTrialsPhase(LocatedPhase):
 class StoppablePhase(LocatedPhase):
     """Base class of phases in which a trial runs, and the robot moves or is about to move."""
 
-    moves = can_be_stopped = True
+    has_motion = can_be_stopped = True
 
     def stop(self, by: events.Initiator, method: messages.StopMethod | None = None) -> phases.SessionPaused:
         return self._interrupt_attempt(
@@ -342,5 +344,5 @@ class StoppablePhase(LocatedPhase):
         """Stop the robot and end the attempt. The participant repeats the trial with the trigger."""
         self.state.abandon_attempt(result)
         self.state.event_sink.report(event)
-        self.state.trial_worlds.prepare(self.state.trial_index, self.state.person)
+        self.state.trial_worlds.prepare_world(self.state.trial_index, self.state.person)
         return phases.SessionPaused(self.state, message)

@@ -10,7 +10,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.phases.base_phases import BetweenTrialsPhase, QuestionnairePhase
 from avrgym.vr.session.questions import QuestionSequence
-from avrgym.vr.session.state import SessionState
+from avrgym.vr.session.session_state import SessionState
 
 
 class Break(BetweenTrialsPhase):
@@ -32,7 +32,7 @@ class Break(BetweenTrialsPhase):
         return self
 
     @property
-    def can_prefer(self) -> bool:
+    def can_change_preferences(self) -> bool:
         """Returns false: the participant may change preferences only after the break."""
         return False
 
@@ -54,16 +54,16 @@ class BreakQuestionnaire(QuestionnairePhase):
         if given is None:
             return self
         self._given[given.item] = given
-        if not self._questions.all_answered:
+        if not self._questions.are_all_answered:
             state.send(self.question)
             return self
         for each in self._given.values():
             state.event_sink.report(events.AnsweredAfterBreak(state.now_s, each))
             self._apply_stop_rules(each)
-        state.headset_time.break_questions_due = False
+        state.headset_time.are_break_questions_due = False
         return self._begin_trial()
 
     def skip(self) -> phases.PhaseAtTrialStart:
         """Continue with the next trial. The answers are not stored."""
-        self.state.headset_time.break_questions_due = False
+        self.state.headset_time.are_break_questions_due = False
         return self._begin_trial()

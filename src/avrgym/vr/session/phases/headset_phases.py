@@ -7,14 +7,14 @@ from typing import Self
 
 from avrgym.questionnaires.questionnaire import Item, translate_items
 from avrgym.texts.interface_texts import ParticipantText
-from avrgym.vr.headset_check import is_headset_ready, result_message
+from avrgym.vr.headset_check import is_headset_ready, make_result_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
-from avrgym.vr.session.headset_measuring import HeadsetMeasurement
-from avrgym.vr.session.phases.base_phases import VrPhase, arm_text_key
+from avrgym.vr.session.headset_measurement import HeadsetMeasurement
+from avrgym.vr.session.phases.base_phases import VrPhase, select_arm_text_key
 from avrgym.vr.session.plan import HeadsetCheckPlan
 from avrgym.vr.session.questions import QuestionSequence
-from avrgym.vr.session.state import SessionState
+from avrgym.vr.session.session_state import SessionState
 
 YES_ANSWER = 1
 MAX_SHOWN_FAULTS = 2
@@ -30,20 +30,20 @@ HAPTICS_ITEM = Item(
 SOUND_ITEM = Item(
     "sound", "Do you hear a chime, every second?", points=2, low="yes", high="no", labels=("yes", "no")
 )
-SIGNAL_INTERVAL_S = 1.0
-SIGNAL_DURATION_S = 0.5
+TEST_SIGNAL_INTERVAL_S = 1.0
+TEST_SIGNAL_DURATION_S = 0.5
 
 
 class HeadsetCheckPhase(VrPhase):
     """Base class of the phases of the headset check. The experimenter can skip the check."""
 
-    moves = True
+    has_motion = True
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
         super().__init__(state)
         self._measurement = measurement
 
-    def on_tracking(self, tracking: messages.Tracking) -> None:
+    def on_tracking(self, tracking: messages.TrackingFrameMessage) -> None:
         """Add a tracking frame. The first usable frame determines the participant's position.
 
         When the position is known, the client renders the scene with the same workload as in a trial.
@@ -60,7 +60,7 @@ class HeadsetCheckPhase(VrPhase):
         self.state.event_sink.report(events.HeadsetCheckSkipped(self.state.now_s))
         return self._calibrate_again()
 
-    def _ask_senses(self) -> FeedbackTest | HeadsetCheckResult:
+    def _ask_senses(self) -> HapticAndAudioTest | HeadsetCheckResult:
         """Returns the phase with questions about haptics and sound; without such feedback in the plan, the phase with
         the result."""
         plan = self.state.plan
@@ -68,7 +68,7 @@ class HeadsetCheckPhase(VrPhase):
             SOUND_ITEM
         ] * plan.sounds
         if asked:
-            return FeedbackTest(self.state, self._measurement, asked)
+            return HapticAndAudioTest(self.state, self._measurement, asked)
         return HeadsetCheckResult(self.state, self._measurement, {})
 
 
@@ -77,8 +77,8 @@ class HeadsetCheckStart(HeadsetCheckPhase):
 
     name = "headset"
     message = ParticipantText("headset_check")
-    awaits_ready = True
-    moves = False
+    awaits_confirmation = True
+    has_motion = False
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state, HeadsetMeasurement())
@@ -93,19 +93,19 @@ class HeadsetMeasurementPhase(HeadsetCheckPhase, ABC):
     """Base class of the phases of the headset check that measure for a limited time."""
 
     name = "headset_check"
-    at_rest = arms_stretched = False
+    is_at_rest = arms_stretched = False
 
-    def on_tracking(self, tracking: messages.Tracking) -> None:
+    def on_tracking(self, tracking: messages.TrackingFrameMessage) -> None:
         super().on_tracking(tracking)
-        self._measurement.add_tracking(tracking, at_rest=self.at_rest, stretching=self.arms_stretched)
+        self._measurement.add_tracking(tracking, is_at_rest=self.is_at_rest, stretching=self.arms_stretched)
 
     def on_latency(self, latency: messages.Latency) -> None:
         taken = self.state.record_latency(latency)
         if taken is not None:
             self._measurement.add_latency(taken)
 
-    def on_headset_frames(self, drawn: messages.HeadsetFrames) -> None:
-        self._measurement.add_frames(drawn)
+    def on_frame_intervals(self, drawn: messages.FrameIntervals) -> None:
+        self._measurement.add_frame_intervals(drawn)
 
     @abstractmethod
     def on_timeout(self) -> HandRangeMeasurement | DroppedFrameMeasurement | EmergencyStopTest:
@@ -116,7 +116,7 @@ class JitterMeasurement(HeadsetMeasurementPhase):
     """Measures the jitter of head and hands while the participant rests."""
 
     message = ParticipantText("headset_at_rest")
-    at_rest = True
+    is_at_rest = True
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
         super().__init__(state, measurement)
@@ -137,7 +137,7 @@ class HandRangeMeasurement(HeadsetMeasurementPhase):
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
         super().__init__(state, measurement)
-        self.message = ParticipantText(arm_text_key("headset_stretched", state))
+        self.message = ParticipantText(select_arm_text_key("headset_stretched", state))
         self.time_limit_s = self._durations.stretch_duration_s
 
     def on_timeout(self) -> DroppedFrameMeasurement:
@@ -171,7 +171,7 @@ class EmergencyStopTest(HeadsetCheckPhase):
 
     def stop(
         self, by: events.Initiator, method: messages.StopMethod | None = None
-    ) -> FeedbackTest | HeadsetCheckResult | Self:
+    ) -> HapticAndAudioTest | HeadsetCheckResult | Self:
         """Store the participant's test stop and continue with the next phase.
 
         A stop by the experimenter is accepted only if the participant's input profile contains it.
@@ -187,12 +187,12 @@ class EmergencyStopTest(HeadsetCheckPhase):
             )
         return self._ask_senses()
 
-    def on_timeout(self) -> FeedbackTest | HeadsetCheckResult:
+    def on_timeout(self) -> HapticAndAudioTest | HeadsetCheckResult:
         self._measurement.add_test_stop("none")
         return self._ask_senses()
 
 
-class FeedbackTest(HeadsetCheckPhase):
+class HapticAndAudioTest(HeadsetCheckPhase):
     """The participant answers whether haptics and sound work."""
 
     name = "headset_check"
@@ -202,11 +202,11 @@ class FeedbackTest(HeadsetCheckPhase):
         super().__init__(state, measurement)
         self._asked, self._answers = asked, dict[str, bool]()
         self._questions = QuestionSequence(translate_items(asked, state.plan.texts))
-        self._next_s, self._ends_s = state.now_s + SIGNAL_INTERVAL_S, 0.0
+        self._next_s, self._ends_s = state.now_s + TEST_SIGNAL_INTERVAL_S, 0.0
 
     @property
     def question(self) -> messages.Question:
-        return self._questions.current_question()
+        return self._questions.make_current_question()
 
     def poll(self) -> Self:
         """Repeat haptics or sound until the participant answers."""
@@ -215,11 +215,13 @@ class FeedbackTest(HeadsetCheckPhase):
             len(self._answers) < len(self._asked) and self._is_current(HAPTICS_ITEM),
         )
         if now_s >= self._next_s:
-            self._next_s, self._ends_s = now_s + SIGNAL_INTERVAL_S, now_s + SIGNAL_DURATION_S
-            self.state.send(messages.Feedback(buzzes, buzzes, 0 if buzzes else 1))
+            self._next_s, self._ends_s = now_s + TEST_SIGNAL_INTERVAL_S, now_s + TEST_SIGNAL_DURATION_S
+            self.state.send(messages.HapticAndAudioFeedback(buzzes, buzzes, 0 if buzzes else 1))
         elif 0.0 < self._ends_s <= now_s:
             self._ends_s = 0.0
-            self.state.send(messages.Feedback(left_touched=False, right_touched=False, events=0))
+            self.state.send(
+                messages.HapticAndAudioFeedback(left_touched=False, right_touched=False, events=0)
+            )
         return self
 
     def answer(self, answer: messages.Answer) -> HeadsetCheckResult | Self:
@@ -230,7 +232,7 @@ class FeedbackTest(HeadsetCheckPhase):
             self._refuse("not_an_answer")
             return self._report(str(error))
         self._answers[given.item] = given.value == YES_ANSWER
-        if self._questions.all_answered:
+        if self._questions.are_all_answered:
             return HeadsetCheckResult(self.state, self._measurement, self._answers)
         self.state.send(self.question)
         return self
@@ -243,19 +245,19 @@ class HeadsetCheckResult(HeadsetCheckPhase):
     """Shows the result of the headset check. For each fault, the text contains a remedy."""
 
     name = "headset"
-    awaits_ready = True
-    moves = False
+    awaits_confirmation = True
+    has_motion = False
 
     def __init__(
         self, state: SessionState, measurement: HeadsetMeasurement, answers: dict[str, bool]
     ) -> None:
         super().__init__(state, measurement)
-        self._check = measurement.result(
+        self._check = measurement.compute_result(
             haptics=answers.get(HAPTICS_ITEM.id),
             sound=answers.get(SOUND_ITEM.id),
             used_arms=state.participant_input.profile.tracked_arms,
         )
-        self.message = result_message(self._check, MAX_SHOWN_FAULTS)
+        self.message = make_result_message(self._check, MAX_SHOWN_FAULTS)
 
     def on_enter(self) -> None:
         self.state.headset_check_result = self._check

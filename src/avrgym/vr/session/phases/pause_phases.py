@@ -9,7 +9,7 @@ from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import Interruption
 from avrgym.vr.session.phases.base_phases import BetweenTrialsPhase
 from avrgym.vr.session.phases.phase import Phase
-from avrgym.vr.session.state import SessionState
+from avrgym.vr.session.session_state import SessionState
 
 
 class SessionPaused(BetweenTrialsPhase):

@@ -12,7 +12,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import PhaseName, StopMethod
 from avrgym.vr.session import events
 from avrgym.vr.session.interruptions import Interruption
-from avrgym.vr.session.state import SessionState
+from avrgym.vr.session.session_state import SessionState
 
 
 class Phase:
@@ -20,21 +20,21 @@ class Phase:
 
     ``message``: the text for the participant. ``time_limit_s``: maximum duration in seconds; ``None`` is unlimited.
 
-    ``moves``: whether the participant or the robot moves in this phase. ``can_be_stopped``: whether an emergency stop
-    has an effect in this phase. ``robot_finished``: whether the robot has finished; the trial is then valid.
+    ``has_motion``: whether the participant or the robot moves in this phase. ``can_be_stopped``: whether an emergency
+    stop has an effect in this phase. ``robot_finished``: whether the robot has finished; the trial is then valid.
     ``participant_located``: whether the participant's position and direction are known; a trial can then start.
-    ``awaits_ready``: whether the trigger starts the next phase. ``can_recalibrate``: whether the participant may be
-    calibrated again. ``can_choose_body``: whether the body can be changed.
+    ``awaits_confirmation``: whether the trigger starts the next phase. ``can_recalibrate``: whether the participant
+    may be calibrated again. ``can_choose_body``: whether the body can be changed.
     """
 
     name: ClassVar[PhaseName]
     message: ParticipantText
     time_limit_s: float | None = None
-    moves: ClassVar[bool] = False
+    has_motion: ClassVar[bool] = False
     can_be_stopped: ClassVar[bool] = False
     robot_finished: ClassVar[bool] = False
     participant_located: ClassVar[bool] = False
-    awaits_ready: ClassVar[bool] = False
+    awaits_confirmation: ClassVar[bool] = False
     can_recalibrate: ClassVar[bool] = False
     can_choose_body: ClassVar[bool] = False
 
@@ -42,7 +42,7 @@ class Phase:
         self.state = state
 
     @property
-    def can_prefer(self) -> bool:
+    def can_change_preferences(self) -> bool:
         """Whether the participant may change their preferences for the robot now."""
         return False
 
@@ -56,7 +56,7 @@ class Phase:
 
     # Messages of the participant's client -------------------------------------------------------------------------
 
-    def on_tracking(self, tracking: messages.Tracking) -> None:
+    def on_tracking(self, tracking: messages.TrackingFrameMessage) -> None:
         """Add a tracking frame to the tracking of the session."""
         self.state.tracking.add_frame(tracking, self.state.now_s)
 
@@ -64,7 +64,7 @@ class Phase:
         """Record the latencies of the last second, from tracking to display."""
         self.state.record_latency(latency)
 
-    def on_headset_frames(self, drawn: messages.HeadsetFrames) -> None:
+    def on_frame_intervals(self, drawn: messages.FrameIntervals) -> None:
         """Store the intervals between the frames of the last second. Only the headset check uses them."""
 
     def enter_vr(self) -> Phase:
@@ -122,7 +122,7 @@ class Phase:
         """
         return self._refuse("holds_already", by)
 
-    def choose_body(self, choice: messages.ChooseBody, by: events.Initiator) -> Phase:
+    def choose_body(self, choice: messages.BodyChoice, by: events.Initiator) -> Phase:
         """Handle a request to change the participant's body. Returns the next phase."""
         return self._refuse("body_between_trials", by)
 
@@ -160,22 +160,22 @@ class Phase:
         self.state.correct_torso_height(torso_height_m)
         return self
 
-    def drive(self, command: messages.Drive) -> None:
+    def apply_velocity_command(self, command: messages.VelocityCommand) -> None:
         """Move the robot's hand, if the driver is an operator."""
 
-    def steer(self, steer: messages.Steer) -> None:
+    def apply_controller_pose(self, steer: messages.ControllerPoseCommand) -> None:
         """Move the robot's tool with the demonstrator's controller, if the driver is an operator."""
 
-    def demonstrator_left(self) -> None:
+    def on_demonstrator_disconnected(self) -> None:
         """Handle the loss of the demonstrator's connection: a robot that the demonstrator drives holds its position."""
 
-    def end(self) -> Phase:
+    def end_session(self) -> Phase:
         """Handle the experimenter's request to end the session. Returns the next phase."""
         return self._report("the session is finished")
 
     # Called in each tick, in this order -----------------------------------------------------------------------
 
-    def cancel(self) -> Phase:
+    def cancel_session(self) -> Phase:
         """Handle the end of the session by another process or a stop rule. Returns the next phase."""
         return self
 
@@ -221,7 +221,7 @@ class Phase:
         if by == "participant":
             self.state.explain_rejection(ParticipantText(key))
         else:
-            self.state.report_problem(ENGLISH_TEXTS.render(ParticipantText(key)))
+            self.state.report_problem(ENGLISH_TEXTS.format_for_vr(ParticipantText(key)))
         return self
 
     def _report(self, why: str) -> Self:

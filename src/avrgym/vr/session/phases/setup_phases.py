@@ -10,7 +10,7 @@ from typing import ClassVar, Self
 import msgspec
 
 from avrgym.commands.preferences import describe_preferences
-from avrgym.models.body_names import ARMS
+from avrgym.models.body_names import PERSON_ARM_SIDES
 from avrgym.questionnaires.questionnaire import translate_items
 from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.texts.interface_texts import ParticipantActionError, ParticipantText
@@ -21,12 +21,12 @@ from avrgym.vr.session.phases.base_phases import (
     OngoingPhase,
     QuestionnairePhase,
     VrPhase,
-    arm_text_key,
+    select_arm_text_key,
 )
 from avrgym.vr.session.questions import QuestionSequence
-from avrgym.vr.session.state import SessionState
-from avrgym.vr.tracking.calibration import arm_length_m, measure_arm_scale, measure_torso_height
-from avrgym.vr.tracking.frames import body_pose
+from avrgym.vr.session.session_state import SessionState
+from avrgym.vr.tracking.calibration import measure_arm_length_m, measure_arm_scale, measure_torso_height
+from avrgym.vr.tracking.tracking_frames import compute_body_pose
 
 _PUT_ON = ParticipantText("waiting")
 REACH_POSE_DURATION_S, MAX_REACH_FRAMES = 5.0, 60
@@ -43,7 +43,7 @@ class WaitingForParticipant(OngoingPhase):
         super().__init__(state)
         self.message = message
 
-    def choose_body(self, choice: messages.ChooseBody, by: events.Initiator) -> Self:
+    def choose_body(self, choice: messages.BodyChoice, by: events.Initiator) -> Self:
         self.state.choose_body(choice, by)
         return self
 
@@ -52,24 +52,24 @@ class Calibration(VrPhase):
     """The participant rests in the seat or bed and presses the trigger. The torso height is then measured."""
 
     name = "calibration"
-    awaits_ready = can_choose_body = True
+    awaits_confirmation = can_choose_body = True
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
-        seated = state.world.scene_config.posture.seated
+        seated = state.world.scene_config.posture.is_seated
         self.message = ParticipantText("calibration_seated" if seated else "calibration_lying")
         state.tracking.reset_location()
 
-    def on_tracking(self, tracking: messages.Tracking) -> None:
+    def on_tracking(self, tracking: messages.TrackingFrameMessage) -> None:
         self.state.locate_participant(tracking)
 
-    def choose_body(self, choice: messages.ChooseBody, by: events.Initiator) -> Self:
+    def choose_body(self, choice: messages.BodyChoice, by: events.Initiator) -> Self:
         if self.state.choose_body(choice, by):
             self.state.tracking.update_location(self.state.person)
             self.state.send_changed_scene()
         return self
 
-    def on_ready(self) -> LoadingBodyCheck | ReachForward | Self:
+    def on_ready(self) -> LoadingBodyCheck | ForwardReachMeasurement | Self:
         """Calibrate torso height, position and direction from the last half second of tracking.
 
         Without a headset, and if the participant uses no arm, the arms are not measured.
@@ -77,12 +77,12 @@ class Calibration(VrPhase):
         state = self.state
         measured, posture = not state.torso_height_known, state.world.scene_config.posture
         try:
-            head = state.tracking.steady_headset_pose(state.now_s)
+            head = state.tracking.find_steady_headset_pose(state.now_s)
             if measured:
                 height_m = measure_torso_height(state.person.sex, posture, head, state.plan.furniture)
                 state.set_torso_height(height_m)
         except ParticipantActionError as error:
-            state.explain_rejection(error.text)
+            state.explain_rejection(error.participant_text)
             return self
         state.calibrated_posture = posture
         state.tracking.determine_registration(head, state.person, posture, state.plan.furniture)
@@ -90,11 +90,11 @@ class Calibration(VrPhase):
         with_headset = "mouse" not in state.tracking.hand_modalities
         measures_reach = (
             measured
-            and state.plan.measure_reach
+            and state.plan.reach_measurement_enabled
             and with_headset
             and state.participant_input.profile.tracked_arms
         )
-        return ReachForward(state) if measures_reach else LoadingBodyCheck(state)
+        return ForwardReachMeasurement(state) if measures_reach else LoadingBodyCheck(state)
 
 
 class ReachMeasurement(VrPhase, ABC):
@@ -102,24 +102,24 @@ class ReachMeasurement(VrPhase, ABC):
 
     name = "reach"
     time_limit_s = REACH_POSE_DURATION_S
-    awaits_ready = True
+    awaits_confirmation = True
     pose_text_key: ClassVar[str]
 
     def __init__(self, state: SessionState, reached_m: Sequence[float] = ()) -> None:
         super().__init__(state)
-        self.message = ParticipantText(arm_text_key(self.pose_text_key, state))
+        self.message = ParticipantText(select_arm_text_key(self.pose_text_key, state))
         self._reached_m, self._seen_m = tuple(reached_m), list[float]()
 
-    def on_tracking(self, tracking: messages.Tracking) -> None:
+    def on_tracking(self, tracking: messages.TrackingFrameMessage) -> None:
         """Add a tracking frame. Only the last ``MAX_REACH_FRAMES`` frames are used."""
         state = self.state
         frame = state.tracking.add_frame(tracking, state.now_s)
         if not frame.is_usable or state.tracking.registration is None:
             return
-        resting = [arm for arm in ARMS if arm not in state.participant_input.profile.tracked_arms]
+        resting = [arm for arm in PERSON_ARM_SIDES if arm not in state.participant_input.profile.tracked_arms]
         tracking = msgspec.structs.replace(frame.tracking, **dict.fromkeys(resting))
-        pose = body_pose(state.tracking.registration, tracking)
-        length_m = arm_length_m(state.person, state.world.scene_config.posture, pose)
+        pose = compute_body_pose(state.tracking.registration, tracking)
+        length_m = measure_arm_length_m(state.person, state.world.scene_config.posture, pose)
         if length_m is not None:
             self._seen_m = [*self._seen_m[1 - MAX_REACH_FRAMES :], length_m]
 
@@ -134,19 +134,19 @@ class ReachMeasurement(VrPhase, ABC):
         return (*self._reached_m, median(self._seen_m)) if self._seen_m else ()
 
 
-class ReachForward(ReachMeasurement):
+class ForwardReachMeasurement(ReachMeasurement):
     """The participant stretches the arms to the front."""
 
     pose_text_key = "reach_ahead"
 
-    def on_timeout(self) -> ReachSideways | LoadingBodyCheck:
+    def on_timeout(self) -> SidewaysReachMeasurement | LoadingBodyCheck:
         if self._all_m:
-            return ReachSideways(self.state, self._all_m)
+            return SidewaysReachMeasurement(self.state, self._all_m)
         self.state.explain_rejection(ParticipantText("reach_unseen"))
         return LoadingBodyCheck(self.state)
 
 
-class ReachSideways(ReachMeasurement):
+class SidewaysReachMeasurement(ReachMeasurement):
     """The participant stretches the arms to the sides."""
 
     pose_text_key = "reach_aside"
@@ -171,13 +171,13 @@ class LoadingPhase(VrPhase, ABC):
     message = ParticipantText("loading")
 
     def on_enter(self) -> None:
-        self.state.trial_worlds.prepare(self.state.trial_index, self.state.person)
+        self.state.trial_worlds.prepare_world(self.state.trial_index, self.state.person)
 
     def poll(self) -> phases.PhaseAfterLoading | Self:
         """Show the prepared world. Continue when the client shows it."""
         state = self.state
-        if not state.trial_worlds.is_unused(state.trial_index, state.person):
-            state.trial_worlds.prepare(state.trial_index, state.person)
+        if not state.trial_worlds.is_world_unused(state.trial_index, state.person):
+            state.trial_worlds.prepare_world(state.trial_index, state.person)
             if not state.trial_worlds.is_world_ready:
                 return self
             try:
@@ -189,31 +189,31 @@ class LoadingPhase(VrPhase, ABC):
                 state.report_problem(f"the scene cannot be created: {error}")
                 return phases.SessionPaused(state, ParticipantText("scene_failed"))
         state.send_changed_scene()
-        return self.on_loaded() if state.trial_worlds.is_scene_shown else self
+        return self.on_scene_loaded() if state.trial_worlds.is_scene_shown else self
 
     @abstractmethod
-    def on_loaded(self) -> phases.PhaseAfterLoading:
+    def on_scene_loaded(self) -> phases.PhaseAfterLoading:
         """Returns the next phase when the client shows the scene."""
 
 
 class LoadingTrial(LoadingPhase):
     """The trial starts when its world is shown."""
 
-    def on_loaded(self) -> phases.PhaseAtTrialStart:
+    def on_scene_loaded(self) -> phases.PhaseAtTrialStart:
         return self._begin_trial()
 
 
 class LoadingCalibration(LoadingPhase):
     """Calibration starts when the seat or bed is shown."""
 
-    def on_loaded(self) -> Calibration:
+    def on_scene_loaded(self) -> Calibration:
         return Calibration(self.state)
 
 
 class LoadingBodyCheck(LoadingPhase):
     """The check of the body starts when the body is shown."""
 
-    def on_loaded(self) -> BodyCheck:
+    def on_scene_loaded(self) -> BodyCheck:
         return BodyCheck(self.state)
 
 
@@ -224,7 +224,7 @@ class StoringTrial(VrPhase):
     message = ParticipantText("storing")
 
     def poll(self) -> phases.PhaseAtTrialStart | Self:
-        return self if self.state.attempt_storage.completing_trial_index is not None else self._begin_trial()
+        return self if self.state.attempt_storage.unstored_trial_index is not None else self._begin_trial()
 
 
 class BodyCheck(BetweenTrialsPhase):
@@ -241,7 +241,7 @@ class ReadyConfirmation(BetweenTrialsPhase):
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
-        self.message = trial_text("ready", state, with_preferences=True)
+        self.message = make_trial_text("ready", state, with_preferences=True)
 
 
 class PreferenceQuestionnaire(QuestionnairePhase):
@@ -254,8 +254,8 @@ class PreferenceQuestionnaire(QuestionnairePhase):
         super().__init__(state)
         assert state.current_trial.rules is not None
         self._asked, before = state.preference_questions, state.current_trial.rules.preferences
-        self._before = {each.name: each.answer_of(before) for each in self._asked}
-        items = translate_items([each.item for each in self._asked], state.plan.texts)
+        self._before = {each.preference_name: each.find_answer(before) for each in self._asked}
+        items = translate_items([each.questionnaire_item for each in self._asked], state.plan.texts)
         self._questions = QuestionSequence(items, self._before, review=True)
         self._given: dict[str, int] = {}
         state.ready_trial_index = -1
@@ -266,13 +266,13 @@ class PreferenceQuestionnaire(QuestionnairePhase):
         if given is None:
             return self
         self._given[given.item] = given.value
-        if not self._questions.all_answered:
+        if not self._questions.are_all_answered:
             self.state.send(self.question)
             return self
         changes = {
-            each.name: each.values[self._given[each.name] - 1]
+            each.preference_name: each.answer_values[self._given[each.preference_name] - 1]
             for each in self._asked
-            if self._given[each.name] != self._before[each.name]
+            if self._given[each.preference_name] != self._before[each.preference_name]
         }
         if changes:
             self.state.change_preferences(changes)
@@ -283,18 +283,18 @@ class PreferenceQuestionnaire(QuestionnairePhase):
         return self._begin_trial()
 
 
-def trial_text(key: str, state: SessionState, *, with_preferences: bool = False) -> ParticipantText:
+def make_trial_text(key: str, state: SessionState, *, with_preferences: bool = False) -> ParticipantText:
     """Returns the text about the next trial: its number and its task.
 
     ``with_preferences``: whether to add the participant's preferences in this trial, if the trial has commands or
     preferences.
     """
     plan, trial = state.plan, state.current_trial
-    goal = plan.goal_text(trial)
+    goal = plan.find_goal_text(trial)
     if with_preferences and trial.rules is not None:
         goal = f"{goal} {describe_preferences(trial.rules.preferences, plan.texts.language)}"
     number = {"trial": str(state.trial_index + 1), "trials": str(len(plan.trials))}
-    which = plan.texts.render(
+    which = plan.texts.format_for_vr(
         ParticipantText("practice") if trial.practice else ParticipantText("trial", number)
     )
     return ParticipantText(key, {"trial": which, "goal": goal})

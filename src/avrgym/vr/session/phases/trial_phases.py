@@ -13,9 +13,9 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import Interruption
 from avrgym.vr.session.phases.base_phases import QuestionnairePhase, RobotFinishedPhase, StoppablePhase
-from avrgym.vr.session.phases.setup_phases import trial_text
+from avrgym.vr.session.phases.setup_phases import make_trial_text
 from avrgym.vr.session.questions import QuestionSequence
-from avrgym.vr.session.state import SessionState
+from avrgym.vr.session.session_state import SessionState
 
 
 class FreeMovementBeforeTrial(StoppablePhase):
@@ -25,7 +25,7 @@ class FreeMovementBeforeTrial(StoppablePhase):
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
-        self.message = trial_text("free_before", state)
+        self.message = make_trial_text("free_before", state)
         self.time_limit_s = state.plan.free_movement_s
 
     def on_timeout(self) -> Countdown:
@@ -43,9 +43,9 @@ class Countdown(StoppablePhase):
         self.time_limit_s = state.plan.countdown_s
 
     def on_timeout(self) -> RunningTrial | Self:
-        if self.state.tracking.lost_parts:
+        if self.state.tracking.untracked_needed_parts:
             return self
-        self.state.trial_worlds.mark_used()
+        self.state.trial_worlds.mark_world_used()
         return RunningTrial(self.state)
 
 
@@ -63,20 +63,20 @@ class RunningTrial(StoppablePhase):
         super().__init__(state)
         self._refused_roles: set[messages.OperatorRole] = set()
 
-    def drive(self, command: messages.Drive) -> None:
+    def apply_velocity_command(self, command: messages.VelocityCommand) -> None:
         if isinstance(self.driver, OperatorDriver):
-            self._refuse_driver(self.driver.apply_command(command, self.state.now_s), command.source)
+            self._refuse_driver(self.driver.apply_velocity_command(command, self.state.now_s), command.source)
         else:
             self._refuse_without_operator(command.source, engaged=command.engaged)
 
-    def steer(self, steer: messages.Steer) -> None:
+    def apply_controller_pose(self, steer: messages.ControllerPoseCommand) -> None:
         if isinstance(self.driver, OperatorDriver):
-            self._refuse_driver(self.driver.apply_steering(steer, self.state.now_s), "demonstrator")
+            self._refuse_driver(self.driver.apply_controller_pose(steer, self.state.now_s), "demonstrator")
         else:
             self._refuse_without_operator("demonstrator", engaged=steer.clutch)
 
-    def demonstrator_left(self) -> None:
-        if isinstance(self.driver, OperatorDriver) and self.driver.holder == "demonstrator":
+    def on_demonstrator_disconnected(self) -> None:
+        if isinstance(self.driver, OperatorDriver) and self.driver.active_operator == "demonstrator":
             self.state.stop_operator(self.driver, "driver_left")
             self._report("the demonstrator left and does not drive the robot any more; it holds its position")
 
@@ -94,27 +94,29 @@ class RunningTrial(StoppablePhase):
     def command_robot(self, command: CommandName, source: CommandSource) -> None:
         self.state.handle_command(command, source)
 
-    def on_tracking(self, tracking: messages.Tracking) -> None:
+    def on_tracking(self, tracking: messages.TrackingFrameMessage) -> None:
         super().on_tracking(tracking)
-        if self.state.head_commands is not None:
-            for command, source in self.state.head_commands.gesture_commands(tracking):
+        if self.state.head_command_detector is not None:
+            for command, source in self.state.head_command_detector.detect_gesture_commands(tracking):
                 self.state.handle_command(command, source)
 
     def on_control_step(self, step: FirstWorldStep) -> RobotRetreat | Self:
         attempt = self.state.attempt_storage.attempt
         assert attempt is not None
-        idle = bool(self.state.tracking.lost_parts) or (not step.withdrawing and self.driver.idle)
-        driver = WITHDRAWAL_DRIVER if step.withdrawing else self.state.current_trial.policy
+        idle = bool(self.state.tracking.untracked_needed_parts) or (
+            not step.is_withdrawing and self.driver.is_idle
+        )
+        driver = WITHDRAWAL_DRIVER if step.is_withdrawing else self.state.current_trial.policy
         if isinstance(self.driver, OperatorDriver):
-            driver = self.driver.driven_by
+            driver = self.driver.latest_operator
         attempt.record_step(step, driver, idle, self.state.now_s)
         attempt.record_pacing(self.state.world, step, self.state.now_s)
-        if self.state.head_commands is not None:
-            for command, source in self.state.head_commands.gaze_commands(self.state.world):
+        if self.state.head_command_detector is not None:
+            for command, source in self.state.head_command_detector.detect_gaze_commands(self.state.world):
                 self.state.handle_command(command, source)
         if attempt.steps < self.state.plan.trial_steps:
             return self
-        attempt.record_robot_finished(self.state.now_s)
+        attempt.record_robot_finish(self.state.now_s)
         return RobotRetreat(self.state)
 
 
@@ -123,14 +125,14 @@ class RobotRetreat(RobotFinishedPhase):
 
     name = "retreat"
     message = ParticipantText("retreat")
-    moves = can_be_stopped = True
+    has_motion = can_be_stopped = True
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
         state.world.start_retreat()
 
     def poll(self) -> FreeMovementAfterTrial | Self:
-        return self if self.state.world.retreating else self._hold()
+        return self if self.state.world.is_retreating else self._hold()
 
     def stop(self, by: events.Initiator, method: messages.StopMethod | None = None) -> FreeMovementAfterTrial:
         self.state.record_event("retreat_stopped", by)
@@ -155,7 +157,7 @@ class FreeMovementAfterTrial(RobotFinishedPhase):
 
     name = "free_after"
     message = ParticipantText("free_after")
-    moves = True
+    has_motion = True
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
@@ -165,12 +167,12 @@ class FreeMovementAfterTrial(RobotFinishedPhase):
         upcoming = self.state.trial_index + 1
         if upcoming == len(self.state.plan.trials):
             return
-        self.state.trial_worlds.prepare(upcoming, self.state.person)
-        url = self.state.trial_worlds.upcoming_scene_url(upcoming, self.state.person)
+        self.state.trial_worlds.prepare_world(upcoming, self.state.person)
+        url = self.state.trial_worlds.find_next_scene_url(upcoming, self.state.person)
         if url is not None:
-            self.state.send(messages.Upcoming(url=url))
+            self.state.send(messages.NextScene(url=url))
 
-    def on_timeout(self) -> phases.PhaseAfterRobot:
+    def on_timeout(self) -> phases.PhaseAfterRobotFinished:
         return self._ask()
 
 
@@ -203,14 +205,14 @@ class TrialQuestionnaire(QuestionnairePhase, RobotFinishedPhase):
             whose = storage.questionnaire_attempt.trial_number, storage.questionnaire_attempt.attempt_number
             self.state.event_sink.report(happened(now_s, *whose, given))
             self._apply_stop_rules(given)
-        if self._questions.all_answered:
+        if self._questions.are_all_answered:
             return AnswerConfirmation(self.state, self._questions)
         self.state.send(self.question)
         return self
 
     @property
     def _unanswered(self) -> list[str]:
-        return self._questions.unanswered_items
+        return self._questions.unanswered_item_ids
 
     def _ask(self) -> Self:
         return self
@@ -221,7 +223,7 @@ class AnswerConfirmation(RobotFinishedPhase):
 
     name = "confirm"
     message = ParticipantText("confirm")
-    awaits_ready = True
+    awaits_confirmation = True
 
     def __init__(self, state: SessionState, questions: QuestionSequence) -> None:
         super().__init__(state)
@@ -238,5 +240,5 @@ class AnswerConfirmation(RobotFinishedPhase):
     def _unanswered(self) -> list[str]:
         return []
 
-    def _ask(self) -> phases.PhaseAfterRobot:
+    def _ask(self) -> phases.PhaseAfterRobotFinished:
         return self._complete_trial()

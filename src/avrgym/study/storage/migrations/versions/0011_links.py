@@ -93,7 +93,7 @@ def _copy_consents() -> None:
     participants = sa.table("participant", *map(sa.column, _CONSENT))
     consented = sa.select(participants).where(participants.c.consented_at.is_not(None))
     for row in connection.execute(consented.order_by(participants.c.consented_at)).all():
-        hash_chain.insert(
+        hash_chain.insert_row(
             connection,
             schema.CONSENT_TABLE,
             decided_at=row.consented_at,

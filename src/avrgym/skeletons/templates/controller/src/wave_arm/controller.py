@@ -3,7 +3,7 @@
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.tasks.registry import observation_and_action_size
+from avrgym.tasks.registry import get_observation_and_action_size
 
 PHASE_STEP_RAD = 0.2
 """Phase increase of the sine wave in one control step, in radians."""
@@ -16,7 +16,7 @@ class WaveArm:
 
     def reset(self, seed: int, environment: str) -> None:
         """Reset for an environment such as "avrgym/FeedingJaco-v1". The seed determines all random numbers."""
-        _, self._joints = observation_and_action_size(environment)
+        _, self._joints = get_observation_and_action_size(environment)
         self._random = np.random.default_rng(seed)
         self._steps = 0
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from avrgym.geometry import transforms
-from avrgym.models.robot import BaseRange, Grip, Mount, Robot, arm_with_servo_gains
+from avrgym.models.robot import BaseRange, Grip, Mount, Robot, make_arm_with_servo_gains
 
 JOINTS = (
     "shoulder_turn", "shoulder_lift", "upper_arm_turn", "elbow", "forearm_turn", "wrist_lift", "wrist_turn",
@@ -23,12 +23,12 @@ def build(appearance: bool) -> mujoco.MjSpec:
     return mujoco.MjSpec.from_string(files("example_arm").joinpath("arm.xml").read_text())
 
 
-def fingers(opening_m: float) -> dict[str, float]:
+def compute_finger_positions(opening_m: float) -> dict[str, float]:
     """Joint positions of both fingers, at this distance from the middle of the hand."""
     return {"finger_left": opening_m, "finger_right": opening_m}
 
 
-_ARM = arm_with_servo_gains(
+_ARM = make_arm_with_servo_gains(
     build,
     JOINTS,
     "hand",
@@ -41,7 +41,7 @@ CUP_ROTATION = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 
 """Rotation of the cup in the hand: the cup's x axis is across the fingers."""
 WASHCLOTH_ROTATION = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation of the washcloth in the hand: the washcloth's z axis is across the fingers."""
-BESIDE = Mount((-0.7, -0.65, 0.0), 0.0, BaseRange((-0.2, 0.1), (-0.3, 0.5), (-0.5, 0.5)))
+STAND_MOUNT = Mount((-0.7, -0.65, 0.0), 0.0, BaseRange((-0.2, 0.1), (-0.3, 0.5), (-0.5, 0.5)))
 
 ROBOT = Robot(
     name="ExampleArm",
@@ -49,12 +49,12 @@ ROBOT = Robot(
     base="stand",
     torso="stand",
     arms={"right": _ARM, "left": _ARM},
-    mounts={"wheelchair": BESIDE, "bed": BESIDE},
+    mounts={"wheelchair": STAND_MOUNT, "bed": STAND_MOUNT},
     grips={
-        "spoon": Grip(GRIP_POINT_M, transforms.IDENTITY_QUATERNION, fingers(0.0045)),
-        "cup": Grip(GRIP_POINT_M, CUP_ROTATION, fingers(0.042)),
-        "scratcher": Grip(GRIP_POINT_M, transforms.IDENTITY_QUATERNION, fingers(0.0056)),
-        "washcloth": Grip(GRIP_POINT_M, WASHCLOTH_ROTATION, fingers(0.0098)),
+        "spoon": Grip(GRIP_POINT_M, transforms.IDENTITY_QUATERNION, compute_finger_positions(0.0045)),
+        "cup": Grip(GRIP_POINT_M, CUP_ROTATION, compute_finger_positions(0.042)),
+        "scratcher": Grip(GRIP_POINT_M, transforms.IDENTITY_QUATERNION, compute_finger_positions(0.0056)),
+        "washcloth": Grip(GRIP_POINT_M, WASHCLOTH_ROTATION, compute_finger_positions(0.0098)),
     },
-    half_width_m=0.18,
+    base_half_width_m=0.18,
 )
